@@ -38,7 +38,8 @@ PLANAR_LENGTH = 2.0
 # {name: (file name in example-robot-data, joints)}
 URDFS = {'Panda, URDF': ('panda.urdf', PANDA_JOINTS),
          'UR5': ('ur5_robot.urdf', None), 'HyQ': ('hyq_no_sensors.urdf', None),
-         'SO-101': ('so101.urdf', None), 'Baxter': ('baxter.urdf', BAXTER_JOINTS),
+         'xArm 7': ('xarm7.urdf', None), 'SO-101': ('so101.urdf', None),
+         'Baxter': ('baxter.urdf', BAXTER_JOINTS),
          'Talos': ('talos_reduced.urdf', TALOS_JOINTS),
          'Talos, 30 joints': ('talos_reduced.urdf', LEG_JOINTS + TALOS_JOINTS),
          'Talos arm': ('talos_left_arm.urdf', None), 'TIAGo': ('tiago.urdf', TIAGO_JOINTS),

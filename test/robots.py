@@ -123,6 +123,18 @@ def planar():
     return Robot.from_file(PLANAR_DH)
 
 
+def cartesian(limits=None):
+    """Return a robot whose three joints slide along x, y and z."""
+    axes = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
+    links = ''.join(f'<link name="{name}"/>' for name in ('base', *axes))
+    joints = ''.join(
+        f'<joint name="slide_{name}" type="prismatic"><parent link="{parent}"/>'
+        f'<child link="{name}"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+        for parent, (name, axis) in zip(('base', 'x', 'y'), axes.items()))
+    return Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>', limits=limits)
+
+
 @lru_cache(maxsize=None)
 def mixed():
     """Return an arm with a revolute, a prismatic and two continuous joints, with limits."""

@@ -135,6 +135,7 @@ def calls():
                         controller.set_goal(task.name, GOALS[task.type_name], 0.0)
                 report = controller.update(q, 0.01 * cycle, passive).report
                 assert report.tasks[0].causes is not None
+                assert report._cycle.combined_causes(0) is not None
     return found
 
 
@@ -207,8 +208,8 @@ def by_name(calls):
 def test_compiled_core_refuses_what_does_not_fit_and_stays_intact(calls):
     before = [result(call) for call in calls]
     kinds = by_name(calls)
-    assert {'Solver', 'Limits', 'Motion', 'Task', 'Step', 'Clearance', 'run', 'causes', 'solve',
-            'set_tasks', 'move', 'evaluate'} <= {*kinds}
+    assert {'Solver', 'Limits', 'Motion', 'Task', 'Step', 'Clearance', 'run', 'causes',
+            'combined_causes', 'solve', 'set_tasks', 'move', 'evaluate'} <= {*kinds}
     chance, refused = random.Random(1), 0
     for _ in range(CALLS):
         function, given = chance.choice(kinds[chance.choice([*kinds])])

@@ -362,7 +362,7 @@ def test_setting_the_same_stack_reads_its_file_again_and_refuses_faults(harness,
     path.write_text('- swing: {}')
     assert 'needs a type' in rig.change(stack=str(path))
     harness.spin_for_more(rig.commands, 3, rig.arm.publish)
-    np.testing.assert_allclose(rig.commands[-1], VELOCITY, atol=1e-9)
+    rig.spin_until_command(VELOCITY)
     path.write_text(SLOW)
     assert rig.change(stack=str(path)) == ''
     rig.spin_until_command(0.5 * np.array(VELOCITY))

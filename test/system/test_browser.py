@@ -191,7 +191,7 @@ class View:
         """Wait until the robot stands still, and the page says so."""
         self.wait(lambda: self.commands and np.abs(self.commands[-1]).max() < 1e-3, 'rest')
         self.page.locator('[data-task="posture"]').filter(
-            has_not_text='acceleration limit').wait_for()
+            has_not_text='accelerat').wait_for()
         # Not in a pause, as where the machine has much to do.
         self.page.wait_for_selector('[data-state="running"]')
 

@@ -488,7 +488,7 @@ def test_a_demo_without_a_chromium_writes_all_but_the_film(environment, tmp_path
     ('two_arms', ['carry', 'carry', 'elbow'])])
 def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_path, name, asked):
     status, said, complaint = command_line(environment, 'demo', name, '--output', str(tmp_path),
-                                           seconds=60.0)
+                                           seconds=120.0)
     assert status == 0, said + complaint
     outcomes = re.findall(r'> (\w+) .*?(\S.*)$', said, re.MULTILINE)
     outcomes = [(task, text) for task, text in outcomes if task != 'marks']

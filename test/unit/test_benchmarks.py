@@ -186,7 +186,8 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
     ['weights.py', '--states', '2', '--goals', '1'],
     ['jumps.py', '--runs', '1'],
-    ['causes.py', '--states', '1'], ['published.py', '--problems', '50']])
+    ['causes.py', '--tasks', '2'], ['hints.py', '--hints', '2'],
+    ['published.py', '--problems', '50']])
 @pytest.mark.slow
 def test_benchmark_runs_and_prints_a_table(command):
     name, *options = command

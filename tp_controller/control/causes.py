@@ -12,10 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes of limited tasks, found by solving a cycle again without one candidate at a time."""
+"""
+Causes of limited tasks, found by solving a cycle again without one candidate at a time.
+
+A part of what is missing comes by itself: joints accelerate, and changes are blended in. These are
+causes, too. Those of the rest are found in the cycle that lasts
+(`tp_controller.control.variants`): the present one, once all that has settled.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -28,7 +35,6 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
 from tp_controller.solver.solution import LevelSolution
-from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation, norm
 
 # A residual below this, times the row scale of the task, is a rounding error [unit/s].
@@ -37,12 +43,15 @@ DEMAND_ROUNDING = 1e-6
 NEAR_SINGULAR = 0.1
 
 TASK, BOUNDS = 'task', 'bounds'
-SINGULARITY, IMPOSSIBLE, DAMPING = 'singularity', 'impossible', 'damping'
+SINGULARITY, IMPOSSIBLE = 'singularity', 'impossible'
+DAMPING, CURVED, ACCELERATING = 'damping', 'curvature', 'accelerating'
 # Kinds of causes, in the order of causes.h.
 KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, IMPOSSIBLE,
-         DAMPING)
+         DAMPING, CURVED, ACCELERATING)
 # Kind, index of the joint or task or −1, and share of the causes of each task.
 FoundCauses: TypeAlias = tuple[tuple[tuple[int, int, float], ...], ...]
+# Kind and index of each of the causes that block a task together.
+CombinedCauses: TypeAlias = tuple[tuple[int, int], ...]
 
 
 class Cause(NamedTuple):
@@ -56,7 +65,9 @@ class Cause(NamedTuple):
         ``acceleration limit`` or ``reserve`` of a joint; ``task`` or ``bounds``: another task
         that takes the directions, or whose bounds block it; ``singularity``: a direction in
         which the robot can hardly move here; ``impossible``: one in which it cannot move;
-        ``damping``; ``transition``: a change that is still being blended in.
+        ``damping``; ``curvature``: damping that keeps the robot from oscillating;
+        ``accelerating``: several joints that are about to move faster; ``transition``: a change
+        that is still being blended in.
     name : str
         Joint or task; else empty.
     share : float
@@ -90,8 +101,7 @@ class Causes:
                  outcome: Outcome, place: Place) -> None:
         self._robot, self._evaluations, self._place = robot, evaluations, place
         self._cycle, self._outcome = cycle, outcome
-        self._variants = Variants(evaluations, cycle, outcome)
-        self._limits_by_level: dict[int, list[ActiveLimits]] = {}
+        self.variants = Variants(evaluations, cycle)
         self._out_of_reach: dict[str, bool] = {}
 
     @property
@@ -104,11 +114,16 @@ class Causes:
         """Return the reason why another stack is commanded; empty if the own stack is."""
         return self._outcome.override
 
+    def overshoots(self, evaluation: Evaluation) -> bool:
+        """Return whether the last command moved a task against its present demand."""
+        level, last = evaluation.level, self._cycle.bounds.last
+        return level.v is not None and float(level.v.dot(level.J.dot(last))) < 0.0
+
     def is_limited(self, evaluation: Evaluation) -> bool:
         """Return whether the residual of a task is a significant share of its demand."""
         level = evaluation.level
         demand = 0.0 if level.v is None else norm(level.v)
-        return norm(residual_of(level, self._outcome.velocity)) > max(
+        return missing(level, self._outcome.velocity) > max(
             DEMAND_ROUNDING * evaluation.task.row_scale, SIGNIFICANT_SHARE * demand)
 
     def is_out_of_reach(self, evaluation: Evaluation) -> bool:
@@ -128,45 +143,44 @@ class Causes:
 
     def shares_level(self, evaluation: Evaluation, name: str) -> bool:
         """Return whether a task is on the same level as another one."""
-        group = self._evaluations[self._variants.level_index(evaluation)]
+        group = self._evaluations[self.variants.level_index(evaluation)]
         return any(other.task.name == name for other in group)
 
     def combined_causes(self, evaluation: Evaluation) -> list[tuple[str, str]]:
         """
         Return (kind, name) of the tasks and limits that block a task together; [] if none do.
 
-        The set is minimal: with any of them in place, part of the residual returns. A transition
-        counts as complete.
+        The set is minimal: with any of them in place, part of the residual returns.
         """
-        index, level = self._variants.level_index(evaluation), evaluation.level
+        index, level = self.variants.level_index(evaluation), evaluation.level
         removed: list[Removable] = [
             other for group in self._evaluations[:index + 1] for other in group
             if other is not evaluation]
-        removed += self._active_limits(index)
-        residual = norm(residual_of(level, self._outcome.velocity))
+        removed += self.active_limits(index)
+        residual = missing(level, self.variants.lasting.velocity)
         # Without a task, a limit may become the next to stop the joints.
         hidden: list[ActiveLimits] | None = None
         while hidden is None or hidden:
-            velocity = self._variants.velocity_without(removed, complete=True)
-            least = norm(residual_of(level, velocity))
+            velocity = self.variants.without(removed)
+            least = missing(level, velocity)
             hidden = [] if least <= SIGNIFICANT_SHARE * residual else [
-                each for each in _at_bounds(self._variants.cycle_without(removed).bounds, velocity)
+                each for each in _at_bounds(self.variants.cycle_without(removed).bounds, velocity)
                 if each not in removed]
             removed += hidden
         if least > (1.0 - SIGNIFICANT_SHARE) * residual:
             return []
         for candidate in tuple(removed):
             fewer = [each for each in removed if each is not candidate]
-            left = norm(residual_of(level, self._variants.velocity_without(fewer, complete=True)))
+            left = missing(level, self.variants.without(fewer))
             if left <= least + SIGNIFICANT_SHARE * residual:
                 removed = fewer
-        return [self._kind_and_name(each) for each in removed]
+        return [self.kind_and_name(each) for each in removed]
 
     def blocking_rows(self, evaluation: Evaluation, name: str) -> list[str]:
         """Return the names of the rows of an inequality task that block another task."""
         found: dict[str, None] = {}
-        index = self._variants.level_index(evaluation)
-        for level in self._outcome.commanded.levels[:index + 1]:
+        index = self.variants.level_index(evaluation)
+        for level in self.variants.lasting.levels[:index + 1]:
             for number, multipliers in level.row_multipliers.items():
                 first = 0
                 for other in self._evaluations[number]:
@@ -185,91 +199,115 @@ class Causes:
         """
         if not self.is_limited(evaluation):
             return ()
-        index, found = self._variants.level_index(evaluation), []
-        residual = residual_of(evaluation.level, self._outcome.velocity)
-        size = norm(residual)
-        for kind, name, left in self._candidates(index, evaluation, residual):
-            share = 1.0 - norm(left) / size
+        level, found = evaluation.level, []
+        now = missing(level, self._outcome.velocity)
+        lasting = missing(level, self.variants.lasting.velocity)
+        for kind, name, gained in self._candidates(evaluation, now, lasting):
+            share = gained / max(now, lasting)
             if share > SIGNIFICANT_SHARE:
                 found.append(Cause(kind, name, share))
         return tuple(sorted(found, key=lambda cause: -cause.share))
 
-    def _candidates(self, index: int, evaluation: Evaluation,
-                    residual: Array) -> Iterator[tuple[str, str, Array]]:
-        """Yield (kind, name, residual without it) of each candidate."""
-        level = evaluation.level
-        for active in self._active_limits(index):
-            left = residual_of(level, self._variants.velocity_without([active]))
-            yield (*self._kind_and_name(active), left)
+    def _candidates(self, evaluation: Evaluation, now: float, lasting: float
+                    ) -> Iterator[tuple[str, str, float]]:
+        """Yield (kind, name, size of the residual that disappears) of each candidate."""
+        level, variants = evaluation.level, self.variants
+        index = variants.level_index(evaluation)
+        for active in self.active_limits(index):
+            yield (*self.kind_and_name(active),
+                   lasting - missing(level, variants.without([active])))
         for group in self._evaluations[:index + 1]:
             for other in group:
                 if other is not evaluation:
-                    left = residual_of(level, self._variants.velocity_without([other]))
-                    yield (*self._kind_and_name(other), left)
-        if self._outcome.override == TRANSITION:
-            yield TRANSITION, '', residual_of(level, self._variants.unblended)
+                    yield (*self.kind_and_name(other),
+                           lasting - missing(level, variants.without([other])))
         if self._is_damped(index):
-            yield DAMPING, '', residual_of(level, self._variants.undamped)
-        yield from self._singular(index, evaluation, residual)
+            yield DAMPING, '', lasting - missing(level, variants.undamped)
+        yield from self._singular(evaluation, lasting)
+        yield from self._passing(level, now)
 
-    def _kind_and_name(self, cause: Removable) -> tuple[str, str]:
+    def _passing(self, level: Level, now: float) -> Iterator[tuple[str, str, float]]:
+        """Yield the candidates that disappear by themselves, one after the other."""
+        variants = self.variants
+        if self._outcome.override == TRANSITION:
+            unblended = missing(level, variants.unblended)
+            yield TRANSITION, '', now - unblended
+            now = unblended
+        accelerated = missing(level, variants.accelerated)
+        if self._accelerating is not None:
+            yield (*self._accelerating, now - accelerated)
+        if variants.remembers:
+            yield CURVED, '', accelerated - missing(level, variants.straight)
+
+    @cached_property
+    def _accelerating(self) -> tuple[str, str] | None:
+        """Return (kind, name) of the transient limits as a cause; None if none is active."""
+        variants = self.variants
+        if np.abs(variants.accelerated - variants.unblended).max(initial=0.0) <= SAME_VELOCITY:
+            return None
+        transient = {limit.name for limit in LIMITS if limit.transient}
+        active = [(limit, joint) for joint, limits in _at_bounds(
+            self._cycle.bounds, self._outcome.velocity) for limit in limits if limit in transient]
+        if len(active) != 1:
+            return ACCELERATING, ''
+        (limit, joint), = active
+        return limit, self._robot.velocity_names[joint]
+
+    def kind_and_name(self, cause: Removable) -> tuple[str, str]:
         """Return the kind and name of a task or limit as a cause."""
         if isinstance(cause, ActiveLimits):
             # Coinciding limits count as one, named after the first.
             return cause.limits[0], self._robot.velocity_names[cause.joint]
         return BOUNDS if cause.task.bounded else TASK, cause.task.name
 
+    @property
+    def acceleration_time(self) -> float:
+        """Return the time until the joints have accelerated, at least [s]."""
+        bounds = self._cycle.bounds
+        return bounds.time_to(self._outcome.velocity, self.variants.lasting.velocity)
+
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
-        """Return the limits of a joint that are active in a level; mostly one."""
-        return self._cycle.bounds.limits(joint, bool(level.multipliers[joint] > 0.0),
-                                         float(level.limited_velocity[joint]))
+        """Return the limits of a joint that are active in a level of the cycle; mostly one."""
+        return _limits_at(self._cycle.bounds, level, joint)
 
-    def _active_limits(self, index: int) -> list[ActiveLimits]:
-        """Return all limits that are active in a level or in one above it."""
-        commanded, bounds = self._outcome.commanded, self._cycle.bounds
-        found = {each: True for number in self._levels_down_to(index)
-                 for each in self._limits_of_level(number)}
-        if commanded.slowed < 1.0:
+    def active_limits(self, index: int) -> list[ActiveLimits]:
+        """Return all limits that are active in a level of the cycle that lasts, or above it."""
+        lasting, bounds = self.variants.lasting, self.variants.cycle.bounds
+        found = {ActiveLimits(joint, tuple(_limits_at(bounds, level, joint))): True
+                 for level in lasting.levels[:index + 1] for joint in level.limited_by}
+        if lasting.slowed < 1.0:
             # Bounds of levels may bring more joints to their limits than the one that decides.
-            found.update((each, True) for each in _at_bounds(bounds, commanded.velocity))
+            found.update((each, True) for each in _at_bounds(bounds, lasting.velocity))
         return list(found)
-
-    def _levels_down_to(self, index: int) -> range:
-        """Return the indices of a level and those above it, as far as they are commanded."""
-        return range(min(index + 1, len(self._outcome.commanded.hierarchy)))
-
-    def _limits_of_level(self, index: int) -> list[ActiveLimits]:
-        """Return the limits that are active in a level."""
-        if index not in self._limits_by_level:
-            level = self._outcome.commanded.levels[index]
-            self._limits_by_level[index] = [
-                ActiveLimits(joint, tuple(self.limits_at(level, joint)))
-                for joint in level.limited_by]
-        return self._limits_by_level[index]
 
     def _is_damped(self, index: int) -> bool:
         """Return whether a level, or one above it, is damped or relaxed."""
-        levels = self._outcome.commanded.levels
-        return any(levels[number].is_damped for number in self._levels_down_to(index))
+        return any(level.is_damped for level in self.variants.lasting.levels[:index + 1])
 
-    def _singular(self, index: int, evaluation: Evaluation,
-                  residual: Array) -> Iterator[tuple[str, str, Array]]:
+    def _singular(self, evaluation: Evaluation, lasting: float
+                  ) -> Iterator[tuple[str, str, float]]:
         """Yield the candidates for directions in which the robot can hardly move or not at all."""
-        level = evaluation.level
-        if not level.J.size or level.is_identity:
-            return
-        its = self._outcome.commanded.directions_alone(level, NEAR_SINGULAR)
-        if its is None:
-            # It moves well in all directions.
-            return
-        if its.rank < len(level.J):
-            yield IMPOSSIBLE, '', its.U.dot(its.U.T.dot(residual))
-        if its.rank and its.s[-1] < NEAR_SINGULAR:
+        level, solution = evaluation.level, self.variants.lasting
+        residual, gained = residual_of(level, solution.velocity), 0.0
+        solved = solution.levels[self.variants.level_index(evaluation)]
+        if solved.is_relaxed:
+            gained = lasting - norm(residual + level.J.dot(solved.added))
+        its = None if not level.J.size or level.is_identity else \
+            solution.directions_alone(level, NEAR_SINGULAR)
+        if its is not None and its.rank < len(level.J):
+            yield IMPOSSIBLE, '', lasting - norm(its.U.T.dot(residual))
+        if its is not None and its.rank and its.s[-1] < NEAR_SINGULAR:
             J = (its.U * np.maximum(its.s, NEAR_SINGULAR)).dot(its.moving.T)
-            other = Evaluation(evaluation.task, replace(level, J=J), evaluation.error)
-            group = [other if each is evaluation else each for each in self._evaluations[index]]
-            yield SINGULARITY, '', residual_of(other.level, self._variants.velocity_with(
-                self._cycle, {index: levels_of([group])}, self._outcome.commanded.hierarchy))
+            other = replace(level, J=J)
+            gained = max(gained, lasting - missing(
+                other, self.variants.with_level(evaluation, other)))
+        yield SINGULARITY, '', gained
+
+
+def _limits_at(bounds: VelocityBounds, level: LevelSolution, joint: int) -> list[str]:
+    """Return the limits of a joint that are active in a level; mostly one."""
+    return bounds.limits(joint, bool(level.multipliers[joint] > 0.0),
+                         float(level.limited_velocity[joint]))
 
 
 def _at_bounds(bounds: VelocityBounds, x: Array) -> list[ActiveLimits]:
@@ -283,3 +321,8 @@ def residual_of(level: Level, x: Array) -> Array:
     """Return the residual (m,) of the demand or bounds of a level at velocities x (n,)."""
     achieved = level.J.dot(x)
     return (level.demanded(achieved) if level.v is None else level.v) - achieved
+
+
+def missing(level: Level, x: Array) -> float:
+    """Return the norm of the residual of a level at velocities x (n,)."""
+    return norm(residual_of(level, x))

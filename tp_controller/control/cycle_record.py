@@ -26,7 +26,7 @@ from struct import Struct
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from tp_controller.control.causes import FoundCauses
+from tp_controller.control.causes import CombinedCauses, FoundCauses
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
@@ -67,6 +67,9 @@ class CompiledCauses(Protocol):
             Residual of each task up to which it is not limited.
 
         """
+
+    def combined_causes(self, record: bytes, before: bytes, task: int) -> CombinedCauses | None:
+        """Return the causes that block a task, by its index, together; see `causes`."""
 
 
 class Layout(NamedTuple):
@@ -206,6 +209,10 @@ class CycleRecord:
     def causes(self, least: Array) -> FoundCauses | None:
         """Return the causes that limit each task; see `CompiledCauses`."""
         return self.layout.search.causes(self.numbers, self._before, least)
+
+    def combined_causes(self, index: int) -> CombinedCauses | None:
+        """Return the causes that block a task together; see `CompiledCauses`."""
+        return self.layout.search.combined_causes(self.numbers, self._before, index)
 
     @cached_property
     def _numbers(self) -> Array:

@@ -86,8 +86,8 @@ class JointLimit(ABC):
     key : str
         Key of its values, and of their unit, among the limits of a robot.
     sentence, hint : str
-        Reason why it limits a task, and suggested change: {} and {name} are the joint, {own} is
-        the task.
+        Reason why it limits a task, and suggested change: {} is the joint, {name} one or more
+        joints, {s} the plural, and {time} the time until the joints have accelerated [s].
     transient : bool
         Whether it limits the change of the velocity: it excludes velocities from this cycle only.
         Such a limit takes precedence over the others.
@@ -119,7 +119,7 @@ class VelocityLimit(JointLimit):
 
     name, key = 'velocity limit', 'velocity'
     sentence = '{} at its velocity limit'
-    hint = 'raise the velocity limit of {name}, or give {own} a smaller gain'
+    hint = 'raise the velocity limit{s} of {name}'
     compiled = True
 
     def interval(self, motion: JointMotion) -> tuple[Array, Array]:
@@ -202,7 +202,8 @@ class UpperPositionLimit(PositionLimit):
 
     name, key, sign = 'upper position limit', 'upper', 1.0
     sentence = '{} at its upper position limit'
-    hint = 'choose a goal, or an arm posture, farther from the upper position limit of {name}'
+    hint = ('choose a goal, or an arm posture, farther from the upper position limit{s} of '
+            '{name}')
 
     def distance(self, positions: Array) -> Array:
         """Return the distances (n,) to the limit, negative outside [rad or m]."""
@@ -218,7 +219,8 @@ class LowerPositionLimit(PositionLimit):
 
     name, key, sign = 'lower position limit', 'lower', -1.0
     sentence = '{} at its lower position limit'
-    hint = 'choose a goal, or an arm posture, farther from the lower position limit of {name}'
+    hint = ('choose a goal, or an arm posture, farther from the lower position limit{s} of '
+            '{name}')
 
     def distance(self, positions: Array) -> Array:
         """Return the distances (n,) to the limit, negative outside [rad or m]."""
@@ -234,7 +236,7 @@ class AccelerationLimit(JointLimit):
 
     name, key = 'acceleration limit', 'acceleration'
     sentence = '{} at its acceleration limit'
-    hint = 'wait, or raise the acceleration limit of {name}'
+    hint = 'wait {time:.1g} s'
     transient = compiled = True
 
     def __init__(self, limits: Mapping[str, Array], period: float, gain: float) -> None:

@@ -15,21 +15,22 @@
 """Texts of causes: the sentences of a report about a task."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tp_controller.control.causes import (
+    ACCELERATING,
     BOUNDS,
     Cause,
     Causes,
+    CURVED,
     DAMPING,
     IMPOSSIBLE,
     SINGULARITY,
     TASK,
 )
 from tp_controller.control.cycle import TRANSITION
-from tp_controller.control.gains import gain_remark
 from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.units import with_unit
 from tp_controller.control.velocity_limits import RESERVE
@@ -51,25 +52,19 @@ SENTENCES = {
     SINGULARITY: 'near a singularity',
     IMPOSSIBLE: 'the robot cannot move in this direction here',
     DAMPING: 'slowed by damping',
+    CURVED: 'slowed so that it does not oscillate',
+    ACCELERATING: 'accelerating',
     TRANSITION: 'a change is still being blended in',
 }
-# {kind: suggested change}; {own} is the limited task.
-HINTS = {
-    **{limit.name: limit.hint for limit in LIMITS},
-    RESERVE: 'lower the setting reserve',
-    TASK: 'exchange {name} and {own} in the stack, or choose goals that are compatible',
-    BOUNDS: 'choose a goal that the bounds of {name} allow',
-    SINGULARITY: 'move the robot away from the singularity',
-    IMPOSSIBLE: 'leave out the axes that the robot cannot move here',
-    DAMPING: 'lower the setting damping',
-    TRANSITION: 'wait, or lower the setting blend',
-}
+SEVERAL = 'blocked by several causes together'
 OUT_OF_REACH = 'out of reach'
 CHOOSE_ANOTHER = 'the goal is out of reach: choose another one'
-# Kinds of causes that a gain too high for the period leads to.
-OVERSHOOT_KINDS = frozenset((RESERVE, *(limit.name for limit in LIMITS if limit.caused_by_gain)))
 # Kinds of causes that a goal out of reach leads to.
-UNREACHABLE_KINDS = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING))
+UNREACHABLE_KINDS = frozenset((SINGULARITY, IMPOSSIBLE, DAMPING, CURVED))
+
+
+# Returns (kind, name) of what limits a task together; empty if a cause alone is a reason.
+Combined: TypeAlias = Callable[[], Sequence[tuple[str, str]]]
 
 
 class Statement(NamedTuple):
@@ -80,12 +75,12 @@ class Statement(NamedTuple):
 
 
 def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]],
-               found: Sequence[Cause], causes: Causes) -> Iterator[Statement]:
+               found: Sequence[Cause], combined: Combined, causes: Causes) -> Iterator[Statement]:
     """
     Yield the parts of the reason why a task is limited; none if it is not.
 
     Causes beyond the largest `NAMES_PER_REASON`, and those below `NOTABLE_SHARE`, have a phrase,
-    but no sentence, unless there are no others.
+    but no sentence, unless there are no others and nothing limits the task together.
 
     Parameters
     ----------
@@ -95,6 +90,8 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
         Norm of the error, its unit and the tolerance, for each unit.
     found : sequence of Cause
         Causes, the largest share first.
+    combined : callable
+        See `Combined`.
     causes : Causes
         The search that found them.
 
@@ -108,41 +105,29 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
         distance = ', '.join(with_unit(f'{value:.2g}', unit)
                              for value, unit, tolerance in errors if value > tolerance)
         yield Statement(f'{OUT_OF_REACH} by {distance}', (OUT_OF_REACH,))
+    elif names := combined():
+        yield Statement(_combined(names), tuple([phrase(*each) for each in names]))
     elif found:
         sentences = _sentences(evaluation, found, causes)
         for index, cause in enumerate(found):
             yield Statement(sentences[index] if index < len(sentences) else '',
                             (phrase(cause.kind, cause.name),))
     else:
-        names = causes.combined_causes(evaluation)
-        sentence = _combined(names) if names or causes.override != TRANSITION \
-            else SENTENCES[TRANSITION]
-        yield Statement(sentence, tuple(phrase(*each) for each in names) or (sentence,))
+        sentence = SENTENCES[TRANSITION] if causes.override == TRANSITION else SEVERAL
+        yield Statement(sentence, (sentence,))
     if causes.override not in ('', TRANSITION):
         yield Statement(causes.override, (causes.override,))
-
-
-def hint_of(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> str:
-    """Return the suggested change for a limited task; see `statements`."""
-    if is_out_of_reach(evaluation, found, causes):
-        return CHOOSE_ANOTHER
-    task = evaluation.task
-    if not found or found[0].kind in OVERSHOOT_KINDS:
-        # Higher limits would only increase the overshoot.
-        doubt = gain_remark(task, task.gain, causes.period)
-        if doubt:
-            return doubt.change
-    if not found:
-        return ''
-    first = found[0]
-    if first.kind == TASK and causes.shares_level(evaluation, first.name):
-        return f'give {first.name} and {task.name} levels of their own'
-    return HINTS[first.kind].format(name=first.name, own=task.name)
 
 
 def phrase(kind: str, name: str) -> str:
     """Return the phrase for a cause alone, such as the active limit of a joint."""
     return SENTENCES[kind].format(name)
+
+
+def suffices(cause: Cause) -> bool:
+    """Return whether a cause is a reason even if others limit the task more together."""
+    # Joints that are fast enough for a singularity are no remedy.
+    return cause.share >= NOTABLE_SHARE or cause.kind == SINGULARITY
 
 
 def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> bool:
@@ -156,12 +141,8 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
 
 
 def _sentences(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> list[str]:
-    """Return the sentences for the largest causes; one for limits of a kind that are all small."""
-    largest = found[0]
-    alike = [cause.name for cause in found if cause.kind == largest.kind]
-    if largest.share < NOTABLE_SHARE and largest.kind in LIMIT_KINDS and len(alike) > 1:
-        return [_at_limits(largest.kind, alike)]
-    least = min(NOTABLE_SHARE, largest.share)
+    """Return the sentences for the largest causes."""
+    least = min(NOTABLE_SHARE, found[0].share)
     return [_sentence(cause, evaluation, causes) for cause in found[:NAMES_PER_REASON]
             if cause.share >= least]
 
@@ -174,24 +155,24 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
 
 
 def _combined(causes: Sequence[tuple[str, str]]) -> str:
-    """Return the sentence for causes that each suffice to block a task."""
+    """Return the sentence for causes that limit a task together."""
+    if len(causes) == 1:
+        return phrase(*causes[0])
+    kind = causes[0][0]
+    if kind in LIMIT_KINDS and all(other == kind for other, _ in causes):
+        # Their shares are much alike: in the order of the largest they would change places.
+        return f'{listed(sorted(name for _, name in causes))} at their {kind}s'
     names = [name if kind in (TASK, BOUNDS) else f'the {kind} of {name}' for kind, name in causes]
-    if not names:
-        return 'blocked by several causes together'
-    if len(names) == 1:
-        return f'blocked by {names[0]}'
     kinds = Counter([kind for kind, _ in causes[NAMES_PER_REASON:]])
     more = [f'{count} more {kind if count == 1 or kind == BOUNDS else kind + "s"}'
             for kind, count in kinds.items()]
     return f'blocked by {_enumerated([*names[:NAMES_PER_REASON], *more])} together'
 
 
-def _at_limits(kind: str, joints: Sequence[str]) -> str:
-    """Return the sentence for joints at limits of a kind."""
-    # Their shares are much alike: in the order of the largest they would change places.
-    names, more = sorted(joints), len(joints) - NAMES_PER_REASON
-    text = _enumerated([*names[:NAMES_PER_REASON], *([f'{more} more'] if more > 0 else [])])
-    return f'{text} at their {kind}s'
+def listed(names: Sequence[str]) -> str:
+    """Return names as text, the first `NAMES_PER_REASON` of them and the number of others."""
+    more = len(names) - NAMES_PER_REASON
+    return _enumerated([*names[:NAMES_PER_REASON], *([f'{more} more'] if more > 0 else [])])
 
 
 def _enumerated(names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from tp_controller.control.causes import FoundCauses
+from tp_controller.control.causes import CombinedCauses, FoundCauses
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.step import CycleMemory
@@ -64,6 +64,9 @@ class SolvedCycle(Protocol):
     def causes(self, least: Array) -> FoundCauses | None:
         """Return the causes that limit each task; None if they are not found by the core."""
 
+    def combined_causes(self, index: int) -> CombinedCauses | None:
+        """Return the causes that block a task together; None if they are not found by the core."""
+
 
 class Solved(NamedTuple):
     """Cycle that `step` computed; see `SolvedCycle`."""
@@ -90,4 +93,7 @@ class Solved(NamedTuple):
         return self.memory.velocity
 
     def causes(self, least: Array) -> None:
+        """Leave the search for causes to the reference."""
+
+    def combined_causes(self, index: int) -> None:
         """Leave the search for causes to the reference."""

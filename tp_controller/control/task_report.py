@@ -14,7 +14,7 @@
 
 """Report of a task in a cycle: its error, and the causes that limit it."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 import math
 from typing import NamedTuple
@@ -31,12 +31,13 @@ from tp_controller.control.causes import (
     residual_of,
     TASK,
 )
+from tp_controller.control.hints import hint_of
 from tp_controller.control.reasons import (
     CHOOSE_ANOTHER,
-    hint_of,
     OUT_OF_REACH,
     Statement,
     statements,
+    suffices,
 )
 from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.model.robot import Robot
@@ -158,10 +159,17 @@ class TaskReport:
             return [Statement(self.fault, (self.fault,))]
         if self._cycle is None or self._evaluation is None or self.reached:
             return []
-        found = list(statements(self._evaluation, self.errors, self.causes, self._cycle.search))
+        found = list(statements(self._evaluation, self.errors, self.causes, self._combined,
+                                self._cycle.search))
         if any(OUT_OF_REACH in each.sentence for each in found) or not self._unreachable:
             return found
         return [Statement(self._unreachable, (OUT_OF_REACH,)), *found]
+
+    def _combined(self) -> Sequence[tuple[str, str]]:
+        """Return (kind, name) of what limits the task together; () if a cause alone is enough."""
+        if self._cycle is None or any(suffices(cause) for cause in self.causes):
+            return ()
+        return self._cycle.combined_causes(self._index)
 
     @property
     def reason(self) -> str:
@@ -173,7 +181,7 @@ class TaskReport:
         """
         Return a short phrase without numbers for each cause, the largest share first.
 
-        Causes that limit the task only together, which `causes` lacks, have a phrase each.
+        Causes that limit the task only together have a phrase each.
         """
         return tuple(dict.fromkeys(
             text for each in self._statements for text in each.phrases))
@@ -196,8 +204,9 @@ class TaskReport:
             return 'correct its code, then enable the task again'
         if self._cycle is None or self._evaluation is None or not self.reason:
             return ''
-        return CHOOSE_ANOTHER if self._unreachable else \
-            hint_of(self._evaluation, self.causes, self._cycle.search)
+        if self._unreachable:
+            return CHOOSE_ANOTHER
+        return hint_of(self._evaluation, self.causes, self._combined, self._cycle.search)
 
     @property
     def status(self) -> str:
@@ -265,6 +274,13 @@ class ReportedCycle:
             return self.search.of(self.evaluations[index])
         return tuple([Cause(KINDS[kind], self._name(KINDS[kind], place), share)
                       for kind, place, share in self._found[index]])
+
+    def combined_causes(self, index: int) -> list[tuple[str, str]]:
+        """Return (kind, name) of what blocks the task at an index together; [] if nothing does."""
+        found = self._solved.combined_causes(index)
+        if found is None:
+            return self.search.combined_causes(self.evaluations[index])
+        return [(KINDS[kind], self._name(KINDS[kind], place)) for kind, place in found]
 
     @cached_property
     def _found(self) -> FoundCauses | None:

@@ -12,18 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Variants of a solved cycle: without some tasks or limits, or without damping."""
+"""Variants of a cycle that lasts: with some of its tasks, limits or options changed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
-from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
+from tp_controller.control.cycle import Cycle
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
-from tp_controller.solver.solution import Bounds
+from tp_controller.solver.solution import Bounds, Memory, Solution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
+
+# Most steps of the secant method in which a memory settles, the relative change of the last one,
+# and the steepest slope of what a cycle leaves of it that is believed.
+SETTLING_STEPS, MEMORY_SETTLED, STEEPEST = 16, 5e-2, 0.5
 
 
 class ActiveLimits(NamedTuple):
@@ -38,103 +43,138 @@ Removable: TypeAlias = Evaluation | ActiveLimits
 
 class Variants:
     """
-    Velocities of a cycle that is solved again with some of its tasks or limits changed.
+    Velocities of a cycle that lasts, with some of its tasks or limits changed.
+
+    A cycle lasts if state and goals stay as they are: all joints have accelerated, changes are
+    blended in, and the memory of the solver has settled. It never rises above the present one,
+    which has seen only what has happened.
 
     Parameters
     ----------
     evaluations : sequence of sequence of Evaluation
         Evaluations of the tasks, level by level.
     cycle : Cycle
-    outcome : Outcome
-        Outcome of the cycle.
+        The present cycle.
+
+    Attributes
+    ----------
+    cycle : Cycle
+        The cycle without transient limits, with the present memory, one number for each level.
 
     """
 
-    def __init__(self, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle,
-                 outcome: Outcome) -> None:
-        self._evaluations, self._cycle, self._outcome = evaluations, cycle, outcome
+    def __init__(self, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle) -> None:
+        self._evaluations, self._present = evaluations, cycle
+        memory = (*cycle.memory, *(0.0,) * len(cycle.levels))[:len(cycle.levels)]
+        self.cycle = cycle._replace(bounds=cycle.bounds.settled, memory=memory)
         self._level_indices = {id(evaluation): index for index, group in enumerate(evaluations)
                                for evaluation in group}
         # Cache of velocities: another task may need the same variant.
-        self._solved: dict[tuple[object, ...], Array] = {}
+        self._found: dict[tuple[object, ...], Array] = {}
 
     def level_index(self, evaluation: Evaluation) -> int:
         """Return the index of the level of a task."""
         return self._level_indices[id(evaluation)]
 
+    def evaluation(self, name: str) -> Evaluation:
+        """Return the evaluation of a task by name."""
+        return next(each for group in self._evaluations for each in group
+                    if each.task.name == name)
+
+    @property
+    def lasting(self) -> Solution:
+        """Return the solution of the cycle that lasts."""
+        return self._lasting[0]
+
+    @property
+    def remembers(self) -> bool:
+        """Return whether the memory damps a level."""
+        return any(self.cycle.memory)
+
     @cached_property
     def unblended(self) -> Array:
-        """Return the velocities (n,) without a transition."""
-        return self._cycle.solve().velocity
+        """Return the present velocities (n,) without a transition."""
+        return self._present.solve().velocity
+
+    @cached_property
+    def accelerated(self) -> Array:
+        """Return the velocities (n,) without transient limits, with the present memory."""
+        return self.cycle.solve().velocity
+
+    @cached_property
+    def straight(self) -> Array:
+        """Return the velocities (n,) without damping against curvature."""
+        bounds = self.cycle.bounds
+        return self.cycle.solver.solve(
+            self.cycle.levels, Bounds(bounds.lower, bounds.upper, bounds.cap)).velocity
 
     @cached_property
     def undamped(self) -> Array:
-        """Return the velocities (n,) without damping or relaxed directions."""
-        bounds = self._cycle.bounds
-        return self._cycle.solver.undamped.solve(
-            self._outcome.commanded.hierarchy,
-            Bounds(bounds.lower, bounds.upper, bounds.cap)).velocity
+        """Return the velocities (n,) without damping."""
+        return self._velocity(self.cycle._replace(solver=self.cycle.solver.undamped))
 
-    def velocity_without(self, removed: Sequence[Removable], complete: bool = False) -> Array:
-        """Return the velocities (n,) without some tasks and limits; unblended if `complete`."""
-        tasks = [each for each in removed if isinstance(each, Evaluation)]
-        hierarchy = self._cycle.levels if complete and self._outcome.override == TRANSITION \
-            else self._outcome.commanded.hierarchy
-        key = (hierarchy is self._cycle.levels, *(each.task.name for each in tasks),
-               *(each for each in removed if isinstance(each, ActiveLimits)))
-        if key not in self._solved:
-            groups = {}
-            for number in {self.level_index(each) for each in tasks}:
-                left = [each for each in self._evaluations[number] if each not in tasks]
-                groups[number] = levels_of([left] if left else [])
-            self._solved[key] = self.velocity_with(
-                self.cycle_without(removed), groups, hierarchy)
-        return self._solved[key]
+    def without(self, removed: Sequence[Removable]) -> Array:
+        """Return the velocities (n,) without some tasks and limits."""
+        key = tuple([each.task.name if isinstance(each, Evaluation) else each for each in removed])
+        if key not in self._found:
+            groups = [[each for each in group if each not in removed]
+                      for group in self._evaluations]
+            kept = [index for index, group in enumerate(groups) if group]
+            self._found[key] = self._velocity(self.cycle_without(removed)._replace(
+                levels=levels_of([groups[index] for index in kept])), kept)
+        return self._found[key]
 
     def cycle_without(self, removed: Sequence[Removable]) -> Cycle:
         """Return the cycle without the joint limits among the removed candidates."""
-        cycle = self._cycle
+        cycle = self.cycle
         for each in removed:
             if isinstance(each, ActiveLimits):
                 cycle = cycle._replace(bounds=cycle.bounds.without(*each))
         return cycle
 
-    def velocity_with(self, cycle: Cycle, groups: Mapping[int, list[Level]],
-                      hierarchy: Sequence[Level]) -> Array:
-        """Return the velocities (n,) with some levels replaced, each by one level or none."""
-        hierarchy, levels = list(hierarchy), list(cycle.levels)
-        kept = list(range(len(levels)))
-        for number in sorted(groups, reverse=True):
-            # Levels below a transition are not in force yet.
-            if number < len(hierarchy) and hierarchy[number] is levels[number]:
-                hierarchy[number:number + 1] = levels[number:number + 1] = groups[number]
-                kept[number:number + 1] *= len(groups[number])
-        memory = tuple([cycle.memory[index] for index in kept]) if cycle.memory else ()
-        return self._velocity_after(cycle._replace(levels=levels, memory=memory), hierarchy, kept)
+    def with_level(self, evaluation: Evaluation, level: Level) -> Array:
+        """Return the velocities (n,) with another level in place of that of a task."""
+        other = replace(evaluation, level=level)
+        groups = [[other if each is evaluation else each for each in group]
+                  for group in self._evaluations]
+        return self._velocity(self.cycle._replace(levels=levels_of(groups)))
+
+    def exchanged(self, one: Evaluation, other: Evaluation) -> Array | None:
+        """Return the velocities (n,) with two tasks exchanged; None if they do not fit there."""
+        if one.task.bounded != other.task.bounded:
+            return None
+        others = {id(one): other, id(other): one}
+        groups = [[others.get(id(each), each) for each in group] for group in self._evaluations]
+        kept, (i, j) = list(range(len(groups))), (self.level_index(one), self.level_index(other))
+        kept[i], kept[j] = j, i
+        return self._velocity(self.cycle._replace(levels=levels_of(groups)), kept)
 
     @cached_property
-    def _bends(self) -> list[float]:
-        """Return h of each level of the stack from this cycle alone."""
-        return _bends(self._cycle, self._outcome.commanded.hierarchy)
+    def _lasting(self) -> tuple[Solution, Memory]:
+        """Return the solution of the cycle that lasts, and its memory."""
+        return _settled(self.cycle, self.cycle.memory)
 
-    def _velocity_after(self, cycle: Cycle, levels: list[Level], kept: Sequence[int]) -> Array:
-        """
-        Return the velocities (n,) of a changed cycle that kept these levels, by index.
-
-        The memory (h of each level) follows from earlier cycles and is not a cause of its own: it
-        is reduced in proportion to h of this cycle alone.
-        """
-        if any(cycle.memory):
-            before = [self._bends[index] for index in kept]
-            after = _bends(cycle, levels)
-            cycle = cycle._replace(memory=tuple([
-                h * new / old if new < old else h
-                for h, old, new in zip(cycle.memory, before, after)]))
-        return cycle.solve(levels).velocity
+    def _velocity(self, cycle: Cycle, kept: Sequence[int] | None = None) -> Array:
+        """Return the velocities (n,) of a changed cycle that kept these levels, by index."""
+        memory = self._lasting[1]
+        if kept is not None:
+            memory = tuple([memory[index] for index in kept])
+            cycle = cycle._replace(memory=tuple([self.cycle.memory[index] for index in kept]))
+        return _settled(cycle, memory)[0].velocity
 
 
-def _bends(cycle: Cycle, levels: list[Level]) -> list[float]:
-    """Return h of each level of the stack, from one cycle alone that solves `levels`."""
-    found = cycle._replace(memory=()).solve(levels)
-    bends = {id(level): h for level, h in zip(levels, found.bends)}
-    return [bends.get(id(level), 0.0) for level in cycle.levels]
+def _settled(cycle: Cycle, memory: Memory) -> tuple[Solution, Memory]:
+    """Return the solution of a cycle once a memory has settled, at most at its own, and it."""
+    last: tuple[Memory, Memory] | None = None
+    for _ in range(SETTLING_STEPS):
+        solution = cycle._replace(memory=memory).solve()
+        left = tuple([min(bend, most) for bend, most in zip(solution.bends, cycle.memory)])
+        if all(abs(new - old) <= MEMORY_SETTLED * old for new, old in zip(left, memory)):
+            break
+        slopes = [0.0] * len(memory) if last is None else [
+            min((new - new_last) / (old - old_last), STEEPEST) if old != old_last else 0.0
+            for old, new, old_last, new_last in zip(memory, left, *last)]
+        last = memory, left
+        memory = tuple([min(max(old + (new - old) / (1.0 - slope), 0.0), most)
+                        for old, new, slope, most in zip(memory, left, slopes, cycle.memory)])
+    return solution, memory

@@ -74,11 +74,24 @@ class VelocityBounds(Bounds):
         return {limit: limit.interval(self._motion) for limit in self._limits.all}
 
     @property
-    def settled(self) -> Bounds:
+    def settled(self) -> 'VelocityBounds':
         """Return the bounds without transient limits, as reached in time."""
-        box = self._limits.box(self._motion, settled=True) if self._given is None else \
-            bounded({limit: its for limit, its in self._given.items() if not limit.transient})
-        return Bounds(*box, self.cap, self.hold)
+        return self._with({limit: interval for limit, interval in self._intervals.items()
+                           if not limit.transient}, self.cap)
+
+    @property
+    def last(self) -> Array:
+        """Return the velocities (n,) of the last command."""
+        return self._motion.velocity
+
+    def time_to(self, velocity: Array, target: Array) -> float:
+        """Return the time [s] in which transient limits allow a change between velocities (n,)."""
+        found = 0.0
+        for limit, (least, most) in self._intervals.items():
+            if limit.transient:
+                cycles = np.abs(target - velocity) / (0.5 * (most - least))
+                found = max(found, float(cycles.max(initial=0.0)) * self._motion.elapsed)
+        return found
 
     @property
     def stopping(self) -> tuple[Array, Array]:
@@ -128,6 +141,10 @@ class VelocityBounds(Bounds):
         if cap is not None and not {RESERVE, VelocityLimit.name}.isdisjoint(limits):
             cap = cap.copy()
             cap[joint] = np.inf
+        return self._with(intervals, cap)
+
+    def _with(self, intervals: dict[JointLimit, Interval], cap: Array | None) -> 'VelocityBounds':
+        """Return the bounds with other intervals and another cap."""
         return VelocityBounds(self._limits, self._motion, bounded(intervals), cap, self.hold,
                               intervals)
 
@@ -199,8 +216,8 @@ def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
 class CompiledLimits(Protocol):
     """Compiled part of `VelocityLimits`."""
 
-    def box(self, motion: JointMotion, settled: bool, lower: Array, upper: Array) -> None:
-        """Fill in the result of `bounded` (n,), without transient limits if `settled`."""
+    def box(self, motion: JointMotion, lower: Array, upper: Array) -> None:
+        """Fill in the result of `bounded` (n,)."""
 
 
 class VelocityLimits:
@@ -266,15 +283,14 @@ class VelocityLimits:
         """Return the result of `at` with the result of `box`."""
         return VelocityBounds(self, motion, box, self.cap, hold)
 
-    def box(self, motion: JointMotion, settled: bool = False) -> Interval:
-        """Return the least and largest velocities (n,), without transient limits if `settled`."""
+    def box(self, motion: JointMotion) -> Interval:
+        """Return the least and largest velocities (n,)."""
         if self.compiled is None:
-            return self.box_by_reference(motion, settled)
+            return self.box_by_reference(motion)
         lower, upper = np.empty(self._size), np.empty(self._size)
-        self.compiled.box(motion, settled, lower, upper)
+        self.compiled.box(motion, lower, upper)
         return lower, upper
 
-    def box_by_reference(self, motion: JointMotion, settled: bool = False) -> Interval:
+    def box_by_reference(self, motion: JointMotion) -> Interval:
         """Return the result of `box`, computed in Python: the reference of velocity_limits.h."""
-        return bounded({limit: limit.interval(motion) for limit in self.all
-                        if not (settled and limit.transient)})
+        return bounded({limit: limit.interval(motion) for limit in self.all})

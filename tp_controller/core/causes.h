@@ -25,7 +25,9 @@ namespace {
 constexpr double SIGNIFICANT_SHARE = 0.01, NEAR_SINGULAR = 0.1;
 
 // Kinds of causes that follow those of limits, whose numbers are the places of their bits.
-enum CauseKind { BY_TASK = 5, BY_BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING };
+enum CauseKind {
+  BY_TASK = 5, BY_BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING, CURVED, ACCELERATING
+};
 
 // `index`: the joint or task that it names.
 struct Cause {
@@ -44,32 +46,64 @@ class Causes {
   std::vector<Cause> of(size_t task, double least) {
     const Part &part = cycle_.parts[task];
     const Level level = cycle_.of(part);
-    const double *residual = residual_of(level, cycle_.x);
-    const double size = norm(residual, level.m);
+    const double now = missing(level, cycle_.x);
     const double demand = level.bounded ? 0.0 : norm(level.v, level.m);
     found_.clear();
-    if (!(size > std::max(least, SIGNIFICANT_SHARE * demand))) return found_;
-    const auto consider = [&](int kind, int index, const double *x) {
-      add_cause(kind, index, norm(residual_of(level, x), level.m), size);
-    };
-    for (const ActiveLimits &active : active_limits(part.level))
-      consider(first_of(active.limits), active.joint, variants_.without(active));
-    for (size_t other = 0; other < cycle_.parts.size(); ++other) {
-      const size_t its = cycle_.parts[other].level;
-      if (its <= part.level && other != task)
-        consider(cycle_.levels[its].bounded ? BY_BOUNDS : BY_TASK, int(other),
-                 variants_.without(other));
-    }
-    if (is_damped(part.level)) consider(DAMPING, -1, variants_.undamped());
-    if (level.m && !part.is_identity) consider_singular(part, level, residual, size);
+    if (!(now > std::max(least, SIGNIFICANT_SHARE * demand))) return found_;
+    const double lasting = missing(level, variants_.lasting().x);
+    size_ = std::max(now, lasting);
+    for (const Removed &candidates : {active_limits(part.level), other_tasks(task)})
+      for (const Removable &each : candidates)
+        add_cause(kind_of(each), index_of(each),
+                  lasting - missing(level, variants_.without({each})));
+    if (is_damped(part.level))
+      add_cause(DAMPING, -1, lasting - missing(level, variants_.undamped()));
+    consider_singular(part, level, lasting);
+    consider_passing(level, now);
     std::stable_sort(found_.begin(), found_.end(),
                      [](const Cause &a, const Cause &b) { return a.share > b.share; });
     return found_;
   }
 
+  // The tasks and limits that block a task together; none if they do not.
+  Removed combined(size_t task) {
+    const Part &part = cycle_.parts[task];
+    const Level level = cycle_.of(part);
+    Removed removed = other_tasks(task);
+    for (const Removable &each : active_limits(part.level)) removed.push_back(each);
+    const double residual = missing(level, variants_.lasting().x);
+    const double small = SIGNIFICANT_SHARE * residual;
+    double least = missing(level, variants_.without(removed));
+    // Without a task, a limit may become the next to stop the joints.
+    while (least > small) {
+      const Removed hidden = next_limits(removed);
+      if (hidden.empty()) break;
+      removed.insert(removed.end(), hidden.begin(), hidden.end());
+      least = missing(level, variants_.without(removed));
+    }
+    if (least > residual - small) return {};
+    for (const Removable &candidate : Removed(removed)) {
+      Removed fewer;
+      for (const Removable &each : removed) if (!(each == candidate)) fewer.push_back(each);
+      if (missing(level, variants_.without(fewer)) <= least + small) removed = fewer;
+    }
+    return removed;
+  }
+
+  // The kind of a cause, and the joint or task that it names.
+  int kind_of(const Removable &cause) const {
+    if (cause.task < 0) return first_of(cause.active.limits);
+    return cycle_.levels[cycle_.parts[size_t(cause.task)].level].bounded ? BY_BOUNDS : BY_TASK;
+  }
+
+  static int index_of(const Removable &cause) {
+    return cause.task < 0 ? cause.active.joint : cause.task;
+  }
+
  private:
-  void add_cause(int kind, int index, double left, double size) {
-    const double share = 1.0 - left / size;
+  // Add a cause by the size of the residual that disappears without it.
+  void add_cause(int kind, int index, double gained) {
+    const double share = gained / size_;
     if (share > SIGNIFICANT_SHARE) found_.push_back({kind, index, share});
   }
 
@@ -88,26 +122,57 @@ class Causes {
     return found;
   }
 
-  // All limits that are active in a level or in one above it.
-  std::vector<ActiveLimits> active_limits(size_t index) const {
-    std::vector<ActiveLimits> found;
-    const auto note = [&](int j, bool up, double velocity) {
-      const ActiveLimits active = {j, limits_at(size_t(j), up, velocity)};
-      if (std::find(found.begin(), found.end(), active) == found.end()) found.push_back(active);
-    };
-    for (size_t l = 0; l <= index && l < cycle_.steps.size(); ++l) {
-      const Step &step = cycle_.steps[l];
+  double missing(const Level &level, const double *x) const {
+    Arena::Frame frame(arena_);
+    return norm(residual_of(level, x), level.m);
+  }
+
+  // All other tasks on the level of a task or above it.
+  Removed other_tasks(size_t task) const {
+    Removed found;
+    for (size_t other = 0; other < cycle_.parts.size(); ++other)
+      if (cycle_.parts[other].level <= cycle_.parts[task].level && other != task)
+        found.push_back({int(other), {}});
+    return found;
+  }
+
+  // All limits that are active in a level of the cycle that lasts, or above it.
+  Removed active_limits(size_t index) const {
+    const Found &lasting = variants_.lasting();
+    Removed found;
+    for (size_t l = 0; l <= index && l < lasting.steps.size(); ++l) {
+      const Step &step = lasting.steps[l];
       if (!step.multipliers) continue;
-      const double *at = cycle_.slowed < 1.0 ? cycle_.x : step.velocity;
-      for (int j : limited_by(step)) note(j, step.multipliers[j] > 0.0, at[j]);
+      const double *at = lasting.slowed < 1.0 ? lasting.x : step.velocity;
+      for (int j : limited_by(step)) {
+        const Removable active = {-1, {j, limits_at(j, step.multipliers[j] > 0.0, at[j])}};
+        if (!has(found, active)) found.push_back(active);
+      }
     }
-    if (cycle_.slowed < 1.0)
+    if (lasting.slowed < 1.0)
       // Bounds of levels may bring more joints to their limits than the one that decides.
-      for (bool up : {true, false})
-        for (int j = 0; j < n_; ++j) {
-          const double bound = (up ? cycle_.upper : cycle_.lower)[j];
-          if (std::fabs(cycle_.x[j] - bound) <= SAME_VELOCITY) note(j, up, bound);
-        }
+      for (const Removable &active : at_bounds(lasting.x, {}))
+        if (!has(found, active)) found.push_back(active);
+    return found;
+  }
+
+  // The limits that are active at velocities (n,), without some that are removed.
+  Removed at_bounds(const double *x, const Removed &removed) const {
+    Removed found;
+    for (bool up : {true, false})
+      for (int j = 0; j < n_; ++j) {
+        const double bound = variants_.bound(j, up, removed);
+        if (std::fabs(x[j] - bound) <= SAME_VELOCITY)
+          found.push_back({-1, {j, holding(j, up, bound, removed)}});
+      }
+    return found;
+  }
+
+  // The limits at which the joints are without some that are removed.
+  Removed next_limits(const Removed &removed) {
+    Removed found;
+    for (const Removable &each : at_bounds(variants_.without(removed), removed))
+      if (!has(removed, each)) found.push_back(each);
     return found;
   }
 
@@ -125,18 +190,53 @@ class Causes {
     return found;
   }
 
-  // The limits that stop a joint at a velocity.
-  unsigned limits_at(size_t j, bool up, double velocity) const {
-    const double bound = (up ? cycle_.upper : cycle_.lower)[j];
+  // The lasting limits that stop a joint at a velocity.
+  unsigned limits_at(int j, bool up, double velocity) const {
+    const double bound = variants_.bound(j, up, {});
     if (cycle_.cap && std::isfinite(cycle_.cap[j])
         && (up ? bound - velocity : velocity - bound) > SAME_VELOCITY) return RESERVE;
-    return limits_.holding(cycle_.motion, cycle_.gain, j, up, bound);
+    return holding(j, up, bound, {});
+  }
+
+  unsigned holding(int j, bool up, double bound, const Removed &removed) const {
+    return limits_.holding(cycle_.motion, cycle_.gain, size_t(j), up, bound,
+                           Variants::bits(j, removed));
+  }
+
+  // The candidates that disappear by themselves, one after the other.
+  void consider_passing(const Level &level, double now) {
+    const double accelerated = missing(level, variants_.accelerated());
+    if (variants_.accelerates()) {
+      const ActiveLimits only = transient_limit();
+      add_cause(only.joint < 0 ? int(ACCELERATING) : first_of(only.limits), only.joint,
+                now - accelerated);
+    }
+    if (variants_.remembers())
+      add_cause(CURVED, -1, accelerated - missing(level, variants_.straight()));
+  }
+
+  // The only transient limit at which a joint is; joint −1 where there are none or several.
+  ActiveLimits transient_limit() const {
+    ActiveLimits found = {-1, 0};
+    int count = 0;
+    for (bool up : {true, false})
+      for (int j = 0; j < n_; ++j) {
+        const double bound = (up ? cycle_.upper : cycle_.lower)[j];
+        if (std::fabs(cycle_.x[j] - bound) > SAME_VELOCITY) continue;
+        const unsigned its = TRANSIENT & limits_.holding(cycle_.motion, cycle_.gain, size_t(j), up,
+                                                         bound, 0);
+        if (!its) continue;
+        found = {j, its};
+        ++count;
+      }
+    return count == 1 ? found : ActiveLimits{-1, 0};
   }
 
   // Whether a level, or one above it, is damped or relaxed.
   bool is_damped(size_t index) const {
-    for (size_t l = 0; l <= index && l < cycle_.steps.size(); ++l) {
-      const Step &step = cycle_.steps[l];
+    const std::vector<Step> &steps = variants_.lasting().steps;
+    for (size_t l = 0; l <= index && l < steps.size(); ++l) {
+      const Step &step = steps[l];
       const int rank = step.directions.rank;
       if (step.is_relaxed || (step.level->bounded && step.multipliers)
           || std::any_of(step.followed, step.followed + rank,
@@ -146,30 +246,52 @@ class Causes {
   }
 
   // The candidates for directions in which the robot can hardly move or not at all.
-  void consider_singular(const Part &part, const Level &level, const double *residual,
-                         double size) {
-    const Directions its = alone(part, level);
-    if (its.rank < level.m) {
-      double *along = arena_.take(its.rank), *left = arena_.zeros(level.m);
-      its.seen(residual, along);
-      for (int i = 0; i < its.rank; ++i) add(along[i], its.task(i), left, level.m);
-      add_cause(IMPOSSIBLE, -1, norm(left, level.m), size);
+  void consider_singular(const Part &part, const Level &level, double lasting) {
+    const Found &its = variants_.lasting();
+    const double *residual = residual_of(level, its.x);
+    double gained = 0.0;
+    if (!its.steps.empty() && its.steps[part.level].is_relaxed)
+      gained = lasting - undisturbed(level, residual, its.steps[part.level]);
+    if (level.m && !part.is_identity) {
+      const Directions alone = alone_of(part, level);
+      if (alone.rank < level.m) {
+        double *along = arena_.take(alone.rank);
+        alone.seen(residual, along);
+        add_cause(IMPOSSIBLE, -1, lasting - norm(along, alone.rank));
+      }
+      if (alone.rank && alone.s[alone.rank - 1] < NEAR_SINGULAR)
+        gained = std::max(gained, lasting - regular(part, level, alone));
     }
-    if (!its.rank || its.s[its.rank - 1] >= NEAR_SINGULAR) return;
+    add_cause(SINGULARITY, -1, gained);
+  }
+
+  // What a relaxed level would miss without the motion that the levels below add.
+  double undisturbed(const Level &level, const double *residual, const Step &step) const {
+    const Found &its = variants_.lasting();
+    double *added = arena_.take(n_), *left = arena_.take(level.m);
+    for (int j = 0; j < n_; ++j) added[j] = its.slowed * (its.whole[j] - step.velocity[j]);
+    level.times(added, left);
+    for (int i = 0; i < level.m; ++i) left[i] += residual[i];
+    return norm(left, level.m);
+  }
+
+  // What a level would miss where all its singular values were large enough.
+  double regular(const Part &part, const Level &level, const Directions &alone) {
     Level other = level;
     double *J = arena_.zeros(size_t(level.m) * n_);
-    for (int i = 0; i < its.rank; ++i)
+    for (int i = 0; i < alone.rank; ++i)
       for (int row = 0; row < level.m; ++row)
-        add(std::max(its.s[i], NEAR_SINGULAR) * its.task(i)[row], its.Q[i], J + row * n_, n_);
+        add(std::max(alone.s[i], NEAR_SINGULAR) * alone.task(i)[row], alone.Q[i], J + row * n_,
+            n_);
     other.J = J;
-    add_cause(SINGULARITY, -1,
-              norm(residual_of(other, variants_.with_rows(part, J)), level.m), size);
+    return missing(other, variants_.with_rows(part, J));
   }
 
   // The directions of a task by itself.
-  Directions alone(const Part &part, const Level &level) {
-    if (part.level == 0 && !level.bounded && !cycle_.steps.empty()
-        && level.m == cycle_.levels[0].m) return cycle_.steps[0].directions;
+  Directions alone_of(const Part &part, const Level &level) {
+    const std::vector<Step> &steps = variants_.lasting().steps;
+    if (part.level == 0 && !level.bounded && !steps.empty() && level.m == cycle_.levels[0].m)
+      return steps[0].directions;
     if (!everything_.p) {
       everything_ = {arena_.zeros(size_t(n_) * n_), n_, n_};
       for (int j = 0; j < n_; ++j) everything_[j][j] = 1.0;
@@ -182,6 +304,7 @@ class Causes {
   const Limits &limits_;
   const SolvedCycle &cycle_;
   int n_;
+  double size_ = 0.0;                    // of the residual, or that of the cycle that lasts
   std::vector<Cause> found_;
   Columns everything_;
 };

@@ -83,6 +83,7 @@ class RecordReader {
   void level(int n, SolvedCycle &cycle) {
     const double *head = take(3);
     const int tasks = count(head[0]);
+    need(tasks > 0);
     Level its = {0, n, head[1] != 0.0, head[2] != 0.0, false, nullptr, nullptr, nullptr, nullptr};
     for (int i = 0; i < tasks; ++i) {
       const double *part = take(2);
@@ -104,7 +105,7 @@ class RecordReader {
 
 // A solver with its options, but for damping.
 Options without_damping(Options options) {
-  options.damping = {0.0, INF, 0.0, options.damping.regularisation};
+  options.damping.damping = 0.0;
   return options;
 }
 
@@ -114,12 +115,11 @@ struct CauseSearch {
       : solver(options), undamped(without_damping(options)) {}
 
   Solver solver, undamped;
-  std::vector<std::vector<Cause>> found; // of each task
 
-  // Find the causes in a cycle that `kind` computed; tasks with a residual of at most `least` have
-  // none.
-  void run(const ControlCycle &kind, size_t levels, RecordReader &record, RecordReader &before,
-           const std::vector<double> &least) {
+  // Call with the causes in a cycle that `kind` computed, and the number of its tasks.
+  template <typename Use>
+  void in_cycle(const ControlCycle &kind, size_t levels, RecordReader &record,
+                RecordReader &before, Use use) {
     const int n = solver.n();
     CycleMemory memory(n, kind.delay), after(n, kind.delay);
     for (CycleMemory *each : {&memory, &after}) {
@@ -133,25 +133,34 @@ struct CauseSearch {
     cycle.gain = kind.limits.limits.position.gain_of(cycle.motion);
     cycle.hold = after.time().mean;
     cycle.slowed = head[0];
-    cycle.x = after.velocity();
+    cycle.x = cycle.whole = after.velocity();
     cycle.lower = record.take(n);
     cycle.upper = record.take(n);
     cycle.cap = kind.cap.empty() ? nullptr : kind.cap.data();
     cycle.memory.assign(memory.damping(), memory.damping() + levels);
     for (size_t l = 0; l < levels; ++l) record.level(n, cycle);
-    need(least.size() == cycle.parts.size());
     record.take(record.count(head[4] - head[3]));
     if (head[1] != 0.0) {
-      record.take(n + 2 * levels);
+      cycle.whole = cycle.slowed < 1.0 ? record.take(n) : (record.take(n), cycle.x);
+      record.take(2 * levels);
       for (const Level &level : cycle.levels) cycle.steps.push_back(record.step(level));
     }
     Variants variants(solver, undamped, kind.limits, cycle);
     Causes causes(solver.arena, variants, kind.limits, cycle);
-    found.clear();
-    for (size_t task = 0; task < least.size(); ++task)
-      found.push_back(causes.of(task, least[task]));
+    use(causes, cycle.parts.size());
   }
 };
+
+// ((kind, index), …)
+PyObject *as_pairs(const std::vector<std::pair<int, int>> &found) {
+  Held all(PyTuple_New(Py_ssize_t(found.size())));
+  if (!all) return nullptr;
+  for (size_t i = 0; i < found.size(); ++i) {
+    PyObject *pair = Py_BuildValue("(ii)", found[i].first, found[i].second);
+    if (!pair || PyTuple_SetItem(all, Py_ssize_t(i), pair) != 0) return nullptr;
+  }
+  return all.release();
+}
 
 // ((kind, index, share), …) of each task
 PyObject *as_tuples(const std::vector<std::vector<Cause>> &found) {

@@ -50,6 +50,7 @@ PyObject *constants() {
       {"control.joint_limits", {VALUE(RETURN_SHARE), VALUE(RETURN_SPEED),
           VALUE(LARGEST_DISTANCE), VALUE(UNLIMITED_ACCELERATION)}},
       {"control.velocity_limits", {VALUE(SAME_VELOCITY)}},
+      {"control.variants", {VALUE(SETTLING_STEPS), VALUE(MEMORY_SETTLED), VALUE(STEEPEST)}},
       {"control.causes", {VALUE(SIGNIFICANT_SHARE), VALUE(NEAR_SINGULAR)}},
       {"control.cycle_time", {VALUE(SMOOTHING), VALUE(HOLD_RATIO)}},
       {"control.escape", {VALUE(STUCK_SPEED), VALUE(LEAST_DEMAND), VALUE(SINGULAR_RATIO),

@@ -245,24 +245,53 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   return Py_NewRef(Py_None);
 }
 
-// causes(record, before, least): (kind, index, share) of the causes of each task in a cycle, from its
-// record and that of the cycle before; None where the reference is needed. `least`: residuals (t,) up
-// to which tasks are not limited.
+// Call with the causes in a cycle, from its record and that of the cycle before, and the number of its
+// tasks.
+template <typename Use>
+void search_causes(StackCycle &its, PyObject *const *given, Use use) {
+  CauseSearch &search = *its.search;
+  const Running running(search.solver);
+  RecordReader record(search.solver.arena, given[0]), before(search.solver.arena, given[1]);
+  const size_t levels = its.cycle->groups().size();
+  const WithoutPython meanwhile(its.search_took);
+  search.in_cycle(*its.cycle, levels, record, before, use);
+}
+
+// causes(record, before, least): (kind, index, share) of the causes of each task in a cycle; None
+// where the reference is needed. `least`: residuals (t,) up to which tasks are not limited.
 PyObject *step_causes(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 3) return refuse("causes(record, before, least)");
-  StackCycle &its = of<StackCycle>(self);
-  CauseSearch &search = *its.search;
   try {
-    const Running running(search.solver);
     std::vector<double> least;
+    std::vector<std::vector<Cause>> found;
     need(read_all(given[2], least));
-    RecordReader record(search.solver.arena, given[0]), before(search.solver.arena, given[1]);
-    {
-      const size_t levels = its.cycle->groups().size();
-      const WithoutPython meanwhile(its.search_took);
-      search.run(*its.cycle, levels, record, before, least);
-    }
-    return as_tuples(search.found);
+    search_causes(of<StackCycle>(self), given, [&](Causes &causes, size_t tasks) {
+      need(least.size() == tasks);
+      for (size_t task = 0; task < tasks; ++task)
+        found.push_back(causes.of(task, least[task]));
+    });
+    return as_tuples(found);
+  } catch (const Unsolved &) {
+  } catch (const std::bad_alloc &) {
+  }
+  PyErr_Clear();
+  return Py_NewRef(Py_None);
+}
+
+// combined_causes(record, before, task): (kind, index) of the tasks and limits that block a task, by
+// its index, together; None where the reference is needed.
+PyObject *step_combined_causes(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  if (count != 3) return refuse("combined_causes(record, before, task)");
+  try {
+    std::vector<std::pair<int, int>> found;
+    const Py_ssize_t task = PyLong_AsSsize_t(given[2]);
+    need(!PyErr_Occurred());
+    search_causes(of<StackCycle>(self), given, [&](Causes &causes, size_t tasks) {
+      need(task >= 0 && size_t(task) < tasks);
+      for (const Removable &each : causes.combined(size_t(task)))
+        found.push_back({causes.kind_of(each), causes.index_of(each)});
+    });
+    return as_pairs(found);
   } catch (const Unsolved &) {
   } catch (const std::bad_alloc &) {
   }
@@ -274,6 +303,7 @@ PyMethodDef STEP_METHODS[] = {
     method("set_tasks", step_set_tasks, "Set the tasks of each level."),
     method("run", step_run, "Compute one cycle."),
     method("causes", step_causes, "Find the causes that limit the tasks of a cycle."),
+    method("combined_causes", step_combined_causes, "Find the causes that block a task together."),
     {nullptr, nullptr, 0, nullptr}};
 
 }  // namespace

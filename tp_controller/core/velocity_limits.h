@@ -26,6 +26,7 @@ constexpr double SAME_VELOCITY = 1e-9;
 
 // Bits of limits, in the order of `LIMITS`; the reserve follows them.
 constexpr unsigned VELOCITY = 1, UPPER = 2, LOWER = 4, TRANSIENT = 8, RESERVE = 16;
+constexpr unsigned ALL_TRANSIENT = ~(TRANSIENT - 1);
 
 class Limits {
  public:
@@ -61,14 +62,15 @@ class Limits {
   void box(const JointMotion &motion, bool settled, double *lower, double *upper) const {
     const double gain = limits.position.gain_of(motion);
     for (size_t j = 0; j < limits.size(); ++j) {
-      const Interval box = at(motion, gain, j, settled ? ~(TRANSIENT - 1) : 0);
+      const Interval box = at(motion, gain, j, settled ? ALL_TRANSIENT : 0);
       lower[j] = box.least;
       upper[j] = box.most;
     }
   }
 
-  // Bits of the limits that hold the bound of a joint from above, or from below.
-  unsigned holding(const JointMotion &motion, double gain, size_t j, bool up, double bound) const {
+  // Bits of the limits that hold the bound of a joint from above, or from below, of all without some.
+  unsigned holding(const JointMotion &motion, double gain, size_t j, bool up, double bound,
+                   unsigned without) const {
     const auto holds = [bound](double end) { return std::fabs(end - bound) <= SAME_VELOCITY; };
     const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);
     unsigned found = holds(up ? speed.most : speed.least) ? VELOCITY : 0;
@@ -80,6 +82,7 @@ class Limits {
       if (holds(reachable.least) || holds(reachable.most)) found |= bit;
       bit <<= 1;
     });
+    found &= ~without;
     // Otherwise the bound is the speed of return from outside of the range.
     return found ? found : up ? UPPER : LOWER;
   }
@@ -156,18 +159,16 @@ class GivenMotion {
   Numbers positions_, velocity_, upwards_, downwards_, command_;
 };
 
-// box(motion, settled, lower, upper): fill in lower and upper (n,); see `Limits::box`.
+// box(motion, lower, upper): fill in lower and upper (n,); see `Limits::box`.
 PyObject *limits_box(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   const Limits &limits = of<Limits>(self);
-  const Output lower(count == 4 ? given[2] : nullptr), upper(count == 4 ? given[3] : nullptr);
+  const Output lower(count == 3 ? given[1] : nullptr), upper(count == 3 ? given[2] : nullptr);
   if (!lower.is(limits.size()) || !upper.is(limits.size()))
-    return refuse("box(motion, settled, lower, upper)");
+    return refuse("box(motion, lower, upper)");
   try {
     const GivenMotion its(given[0], size_t(limits.size()));
-    const int settled = PyObject_IsTrue(given[1]);
-    if (settled < 0) return nullptr;
     if (!its.fits) return refuse("the motion is not one of these joints");
-    limits.box(its.motion, settled == 1, lower.p(), upper.p());
+    limits.box(its.motion, false, lower.p(), upper.p());
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
   }

@@ -180,9 +180,14 @@ class LevelSolution:
         """Return whether damping or relaxed directions may be why the level has a residual."""
         step = self._step
         # Bounds of levels that cannot be satisfied are damped, too.
-        return step.relaxed is not None \
+        return self.is_relaxed \
             or self._level.v is None and step.multipliers is not None \
             or min(step.followed.tolist(), default=1.0) < 1.0 - NEGLIGIBLE
+
+    @property
+    def is_relaxed(self) -> bool:
+        """Return whether directions of the level are left to the levels below."""
+        return self._step.relaxed is not None
 
     # Limits of the level
 
@@ -255,7 +260,7 @@ class LevelSolution:
     @property
     def disturbance(self) -> Array:
         """Return the task velocity (m,) that the levels below add."""
-        return self._level.J.dot(self._added())
+        return self._level.J.dot(self.added)
 
     @property
     def disturbance_bound(self) -> float:
@@ -272,9 +277,10 @@ class LevelSolution:
         basis, s, _ = np.linalg.svd(left, full_matrices=False)
         basis = basis[:, s > NEGLIGIBLE * s[0]]
         return float(np.linalg.norm(self._level.J.dot(basis), 2)
-                     * np.linalg.norm(self._added()))
+                     * np.linalg.norm(self.added))
 
-    def _added(self) -> Array:
+    @property
+    def added(self) -> Array:
         """Return the joint velocities that the levels below add (n,)."""
         return self._solution.slowed * (self._solution.whole - self.velocity)
 
@@ -421,4 +427,4 @@ class Solver(Protocol):
 
     @property
     def undamped(self) -> 'Solver':
-        """Return the solver without damping and relaxed directions; itself if it has none."""
+        """Return the solver without damping; itself if it has none."""

@@ -181,8 +181,8 @@ class PrioritySolver:
 
     @cached_property
     def undamped(self) -> 'PrioritySolver':
-        """Return the solver without damping and relaxed directions."""
-        return replace(self, damping=Damping(regularisation=self.damping.regularisation))
+        """Return the solver without damping."""
+        return replace(self, damping=replace(self.damping, damping=0.0))
 
 
 def solve_cycle(levels: list[Level], lower: Array | None, upper: Array | None,

@@ -74,6 +74,7 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     goal = tip.goal + (0.03, -0.04, 0.0)
     publisher.publish(make_message('tip', PointStamped, {'xyz': goal}))
     rig.spin_until(lambda: rig.status.task('tip')['goals accepted'] == '1')
+    rig.spin_until(lambda: rig.status.knows('tip', 'error [m]'))
     task = rig.status.task('tip')
     assert float(task['error [m]']) == pytest.approx(0.05, abs=1e-6)
     assert float(task['tolerance [m]']) == 1e-3
@@ -82,13 +83,13 @@ def test_a_task_reports_its_error_with_unit_and_what_holds_it_back(harness):
     assert task['type'] == 'position' and task['status'] in ('moving', 'limited')
     rest = rig.status.task('rest')
     assert rest['status'] == 'limited'
-    assert rest['reason'] == rest['causes'] == 'blocked by turn'
-    assert rest['hint'] == ('exchange turn and rest in the stack, or choose goals that are '
-                            'compatible')
+    assert rest['reason'] == 'blocked by tip and turn together'
+    assert rest['causes'] == 'blocked by tip; blocked by turn'
+    assert rest['hint'] == 'choose goals of tip, turn and rest that are compatible'
     levels = {status.name: status.level for status in rig.status.messages[-1].status}
     assert levels['tp_controller: rest'] == WARN
     texts = {status.name: status.message for status in rig.status.messages[-1].status}
-    assert texts['tp_controller: rest'] == 'limited: blocked by turn'
+    assert texts['tp_controller: rest'] == 'limited: blocked by tip and turn together'
 
 
 def test_a_disabled_task_says_so_once(harness):

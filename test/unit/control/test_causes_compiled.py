@@ -58,6 +58,8 @@ def compared(command):
     for report, evaluation in zip(command.report.tasks, cycle.evaluations):
         expected = () if report.reached else cycle.search.of(evaluation)
         assert_same(report.causes, expected)
+        if cycle.search.is_limited(evaluation):
+            assert cycle.combined_causes(report._index) == cycle.search.combined_causes(evaluation)
         kinds.update(cause.kind for cause in expected)
     assert cycle._found is not None
     return kinds
@@ -112,7 +114,8 @@ def test_causes_at_limits_are_those_of_the_reference(name, settings):
 
 
 @pytest.mark.parametrize('attribute, value, kind', [
-    ('acceleration', np.full(7, 0.5), 'acceleration limit'),
+    ('acceleration', np.full(7, 0.5), 'accelerating'),
+    ('acceleration', np.array([0.5, *[np.inf] * 6]), 'acceleration limit'),
     ('upper', READY, 'upper position limit'), ('lower', READY, 'lower position limit')])
 def test_each_limit_is_a_cause_with_its_own_name(attribute, value, kind):
     robot = copy(robots.panda())
@@ -156,11 +159,14 @@ def test_cycles_that_the_core_leaves_are_searched_by_the_reference():
         assert [cause.kind for cause in task.causes] == [cause.kind for cause in causes]
 
 
-def test_records_that_are_none_are_left_to_the_reference():
+@pytest.mark.parametrize('name, last, wrong_ones', [
+    ('causes', np.zeros(3), (np.zeros(2), None, [0.0] * 3, np.zeros(3, int))),
+    ('combined_causes', 2, (-1, 3, 2 ** 70, 1.0, None))])
+def test_records_that_are_none_are_left_to_the_reference(name, last, wrong_ones):
     controller, _ = limited('bounds')
     record = controller._last
-    causes, fits = record.layout.search.causes, [record.numbers, record._before, np.zeros(3)]
-    expected = causes(*fits)
+    find, fits = getattr(record.layout.search, name), [record.numbers, record._before, last]
+    expected = find(*fits)
     assert any(expected)
     size = len(record.numbers)
     numbers = np.frombuffer(record.numbers)
@@ -169,16 +175,16 @@ def test_records_that_are_none_are_left_to_the_reference():
         for wrong in (-1.0, 1e300, np.nan):
             broken = numbers.copy()
             broken[place] = wrong
-            causes(broken.tobytes(), *fits[1:])
+            find(broken.tobytes(), *fits[1:])
     for place, wrong in ((0, b''), (0, record.numbers[:size // 2]), (0, None), (0, 'x'),
-                         (0, bytearray(record.numbers)), (1, b''), (1, None), (2, np.zeros(2)),
-                         (2, None), (2, [0.0] * 3), (2, np.zeros(3, int))):
+                         (0, bytearray(record.numbers)), (1, b''), (1, None),
+                         *[(2, wrong) for wrong in wrong_ones]):
         given = [*fits]
         given[place] = wrong
-        assert causes(*given) is None, (place, wrong)
+        assert find(*given) is None, (place, wrong)
     with pytest.raises(ValueError, match='causes'):
-        causes(*fits[1:])
-    assert causes(*fits) == expected
+        find(*fits[1:])
+    assert find(*fits) == expected
 
 
 def test_objects_that_are_lent_are_given_back():
@@ -189,6 +195,8 @@ def test_objects_that_are_lent_are_given_back():
     def use():
         assert any(record.layout.search.causes(*given))
         assert record.layout.search.causes(*given[:2], None) is None
+        assert record.layout.search.combined_causes(*given[:2], 0) is not None
+        assert record.layout.search.combined_causes(*given) is None
 
     use()
     before = [sys.getrefcount(each) for each in given]

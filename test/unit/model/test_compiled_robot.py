@@ -193,21 +193,19 @@ def test_limits_are_for_arrays_of_one_number_for_each_joint():
     ones, lower, upper = np.ones(2), np.empty(2), np.empty(2)
     limits = core.Limits(0.01, 100.0, dict.fromkeys(LIMIT_KEYS, ones))
     fits = JointMotion(ones, ones, 0.01, (ones, ones, ones), 0.01)
-    limits.box(fits, False, lower, upper)
+    limits.box(fits, lower, upper)
     for wrong in (np.ones(3), ones.astype(int), np.ones((2, 1)), 'x', None):
         for motion in (fits._replace(positions=wrong), fits._replace(velocity=wrong),
                        fits._replace(elapsed=wrong), fits._replace(duration=wrong),
                        fits._replace(pending=wrong), fits._replace(pending=(ones, wrong)), wrong):
             with pytest.raises(ValueError, match='the motion'):
-                limits.box(motion, False, lower, upper)
+                limits.box(motion, lower, upper)
         with pytest.raises(ValueError, match='box.motion'):
-            limits.box(fits, False, wrong, upper)
+            limits.box(fits, wrong, upper)
         with pytest.raises(ValueError, match='box.motion'):
-            limits.box(fits, False, lower, wrong)
+            limits.box(fits, lower, wrong)
     with pytest.raises(ValueError, match='box.motion'):
-        limits.box(fits, False, lower)
-    with pytest.raises(ValueError, match='truth value'):
-        limits.box(fits, ones, lower, upper)
+        limits.box(fits, lower)
 
 
 def test_limits_of_more_joints_than_fit_are_those_of_the_reference():
@@ -237,15 +235,15 @@ def test_all_objects_that_are_lent_are_given_back():
         motion.move(one, one, None)
         motion.place(0, T)
         motion.jacobian(0, J)
-        limits.box(moved, False, bounds, bounds)
+        limits.box(moved, bounds, bounds)
         for call in (lambda: core.Motion(1, 0, two, bodies, frames),
                      lambda: core.Motion(1, 0, base, frames, bodies),
                      lambda: core.Limits(0.01, 100.0, values | {'upper': one}),
                      lambda: motion.move(one, two, None), lambda: motion.move(one, one, T),
                      lambda: motion.place(index, T), lambda: motion.place(0, J),
-                     lambda: motion.jacobian(0, T), lambda: limits.box(moved, False, bounds),
-                     lambda: limits.box(others, False, bounds, bounds),
-                     lambda: limits.box(moved, False, bounds, T)):
+                     lambda: motion.jacobian(0, T), lambda: limits.box(moved, bounds),
+                     lambda: limits.box(others, bounds, bounds),
+                     lambda: limits.box(moved, bounds, T)):
             with pytest.raises(ValueError):
                 call()
     use()
@@ -274,9 +272,7 @@ def test_limits_are_those_of_the_reference(seed, accelerated, endless, period, s
     previous, elapsed = rng.normal(size=n), rng.uniform(1e-4, 0.2)
     motion = JointMotion(q, previous, elapsed, tuple(rng.normal(size=(delay, n))),
                          rng.uniform(0.0, period))
-    for settled in (False, True):
-        assert np.array_equal(limits.box(motion, settled),
-                              limits.box_by_reference(motion, settled))
+    assert np.array_equal(limits.box(motion), limits.box_by_reference(motion))
 
 
 @pytest.mark.parametrize('name, frames', [

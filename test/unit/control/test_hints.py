@@ -1,0 +1,81 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hints: given where the change that they suggest brings back enough, and as few as needed."""
+
+import pytest
+from robots import cartesian
+from tp_controller import Controller, Settings, Stack
+
+NOW = Settings(blend=0.0, reserve=0.0, period=0.01)
+
+
+def hints(stack, q=(0.0, 0.0, 0.0), goals=(), robot=None, settings=NOW):
+    """Return {task: hint} of the first cycle."""
+    robot = robot or cartesian()
+    controller = Controller(robot, Stack.from_yaml(stack, robot), settings)
+    for name, goal in dict(goals).items():
+        controller.set_goal(name, goal, 0.0)
+    return {task.name: task.hint for task in controller.update(q, 0.0).report.tasks}
+
+
+@pytest.mark.parametrize('goal, hint', [
+    # With both limits at 1 m/s it takes 2 s to (2, 2).
+    ([2.0, 2.0, 0.1], 'wait 2 s, or raise the velocity limits of slide_x and slide_y'),
+    ([2.0, 0.5, 0.1], 'wait 2 s, or raise the velocity limit of slide_x'),
+    # Without the limit of y a tenth of what is missing would come back.
+    ([2.0, 1.3, 0.1], 'wait 2 s, or raise the velocity limits of slide_x and slide_y')])
+def test_all_limits_that_matter_are_raised_together(goal, hint):
+    assert hints('- tool: {type: position, frame: z}', goals={'tool': goal}) == {'tool': hint}
+
+
+def test_limits_of_joints_that_do_not_matter_to_the_task_are_left_alone():
+    assert hints("""
+- other: {type: joint, joints: slide_y, target: [1.9]}
+- this: {type: joint, joints: slide_x, target: [1.9]}
+""") == {'other': 'wait 2 s, or raise the velocity limit of slide_y',
+         'this': 'wait 2 s, or raise the velocity limit of slide_x'}
+
+
+def test_velocity_that_is_demanded_without_a_goal_is_not_waited_for():
+    robot = cartesian()
+    controller = Controller(robot, Stack.from_yaml(
+        '- go: {type: joint_velocity, joints: slide_x}', robot), NOW)
+    controller.update([0.0, 0.0, 0.0], 0.0)
+    controller.set_goal('go', [2.0], 0.0)
+    task, = controller.update([0.0, 0.0, 0.0], 0.0).report.tasks
+    assert task.hint == 'raise the velocity limit of slide_x'
+
+
+def test_task_that_leaves_no_joint_to_others_is_exchanged_with_none():
+    # A posture above would leave nothing to the tool, whatever its goal.
+    found = hints("""
+- tool: {type: position, frame: z, axes: x}
+- rest: {type: posture, target: [0.5, 0.0, 0.0]}
+""")
+    assert found['rest'] == 'choose goals of tool and rest that are compatible'
+
+
+def test_what_blocks_together_is_changed_together():
+    assert hints("""
+- a: {type: joint, joints: slide_x, target: [0.0]}
+- b: {type: position, frame: z, axes: x}
+- c: {type: joint, joints: slide_x, target: [0.5]}
+""")['c'] == 'put c above a and b'
+    assert hints("""
+- a: {type: joint, joints: slide_x, target: [2.0]}
+- c: {type: position, frame: z, axes: x}
+""", q=(2.0, 0.0, 0.0), goals={'c': [2.5, 0.0, 0.0]})['c'] == (
+        'put c above a, and choose a goal, or an arm posture, farther from the upper position '
+        'limit of slide_x')

@@ -1,0 +1,159 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hints: changes that bring back a part of what a task misses, tried before they are given."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from tp_controller.control.causes import (
+    ACCELERATING,
+    BOUNDS,
+    Cause,
+    Causes,
+    DAMPING,
+    IMPOSSIBLE,
+    missing,
+    SINGULARITY,
+    TASK,
+)
+from tp_controller.control.cycle import TRANSITION
+from tp_controller.control.error_minimum import SIGNIFICANT_SHARE
+from tp_controller.control.gains import gain_remark
+from tp_controller.control.joint_limits import LIMITS, VelocityLimit
+from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_reach, listed
+from tp_controller.control.velocity_limits import RESERVE
+from tp_controller.model.spatial import Array
+from tp_controller.tasks.task import Evaluation, norm
+
+# Share of what is missing that a change has to bring back.
+HELPFUL_SHARE = 0.2
+# Share of a demand below which a task makes no progress that is worth waiting for.
+SLOW_SHARE = 0.05
+# {kind: suggested change, if there is one}, with placeholders for joints or a task, the plural of
+# limits, and the time until the joints have accelerated.
+HINTS = {
+    **{limit.name: limit.hint for limit in LIMITS},
+    RESERVE: 'lower the setting reserve',
+    BOUNDS: 'choose a goal that the bounds of {name} allow',
+    SINGULARITY: 'move the robot away from the singularity',
+    IMPOSSIBLE: 'leave out the axes that the robot cannot move here',
+    DAMPING: 'lower the setting damping',
+    TRANSITION: 'wait, or lower the setting blend',
+    ACCELERATING: 'wait {time:.1g} s',
+}
+# Kinds of causes that are limits of a joint and last.
+LASTING_LIMITS = frozenset(limit.name for limit in LIMITS if not limit.transient)
+# Kinds of causes that a gain too high for the period leads to.
+OVERSHOOT_KINDS = frozenset((RESERVE, ACCELERATING, *(
+    limit.name for limit in LIMITS if limit.caused_by_gain)))
+
+
+def hint_of(evaluation: Evaluation, found: Sequence[Cause], combined: Combined,
+            causes: Causes) -> str:
+    """Return the suggested change for a limited task; see `statements`. Empty if none helps."""
+    if is_out_of_reach(evaluation, found, causes):
+        return CHOOSE_ANOTHER
+    if found and found[0].kind in OVERSHOOT_KINDS and causes.overshoots(evaluation):
+        # Higher limits would only increase the overshoot.
+        doubt = gain_remark(evaluation.task, evaluation.task.gain, causes.period)
+        if doubt:
+            return doubt.change
+    names = combined()
+    if len(names) > 1:
+        return _for_all(evaluation, names)
+    for cause in found:
+        hint = _hint(evaluation, cause, causes)
+        if hint:
+            return hint
+    return ''
+
+
+def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
+    """Return the change that a cause suggests; empty if it does not help enough."""
+    if cause.kind in LASTING_LIMITS:
+        return _for_limits(evaluation, cause.kind, causes)
+    if cause.share < HELPFUL_SHARE:
+        return ''
+    if cause.kind == TASK:
+        return _for_task(evaluation, cause.name, causes)
+    return HINTS.get(cause.kind, '').format(name=cause.name, s='', time=causes.acceleration_time)
+
+
+def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
+    """Return the change of all limits of a kind that matter; empty if it does not help enough."""
+    variants, level = causes.variants, evaluation.level
+    active = [each for each in causes.active_limits(variants.level_index(evaluation))
+              if each.limits[0] == kind]
+    now = missing(level, variants.lasting.velocity)
+    least = missing(level, variants.without(active))
+    if now - least < HELPFUL_SHARE * now:
+        return ''
+    for candidate in tuple(active):
+        fewer = [each for each in active if each is not candidate]
+        if missing(level, variants.without(fewer)) <= least + SIGNIFICANT_SHARE * now:
+            active = fewer
+    names = [causes.kind_and_name(each)[1] for each in active]
+    change = HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1))
+    time = _time_to_goal(evaluation, variants.lasting.velocity)
+    return f'wait {time:.1g} s, or {change}' \
+        if kind == VelocityLimit.name and math.isfinite(time) else change
+
+
+def _time_to_goal(evaluation: Evaluation, velocity: Array) -> float:
+    """Return the time that a task takes to its goal at this speed [s]; infinite if it stands."""
+    level, error = evaluation.level, evaluation.error
+    if level.v is None or not error.any():
+        return math.inf
+    speed = float(level.v.dot(level.J.dot(velocity))) / norm(level.v)
+    return norm(error) / speed if speed > SLOW_SHARE * norm(level.v) else math.inf
+
+
+def _for_task(evaluation: Evaluation, name: str, causes: Causes) -> str:
+    """Return the change of another task that blocks one."""
+    own = evaluation.task.name
+    if causes.shares_level(evaluation, name):
+        return f'give {name} and {own} levels of their own'
+    if _exchange_helps(evaluation, name, causes):
+        return f'exchange {name} and {own} in the stack, or choose goals that are compatible'
+    return f'choose goals of {name} and {own} that are compatible'
+
+
+def _exchange_helps(evaluation: Evaluation, name: str, causes: Causes) -> bool:
+    """Return whether a task gains enough by an exchange, and leaves a motion to the other one."""
+    variants, level = causes.variants, evaluation.level
+    after = variants.exchanged(evaluation, variants.evaluation(name))
+    if after is None or not _leaves_joints(evaluation):
+        return False
+    now = missing(level, variants.lasting.velocity)
+    return now - missing(level, after) >= HELPFUL_SHARE * now
+
+
+def _leaves_joints(evaluation: Evaluation) -> bool:
+    """Return whether a task would leave a motion of the joints to tasks below it."""
+    return bool(np.linalg.matrix_rank(evaluation.level.J) < evaluation.level.J.shape[1])
+
+
+def _for_all(evaluation: Evaluation, blocking: Sequence[tuple[str, str]]) -> str:
+    """Return the changes of all that blocks a task together."""
+    own, changes = evaluation.task.name, []
+    tasks = [name for kind, name in blocking if kind == TASK]
+    if tasks:
+        changes.append(f'put {own} above {listed(tasks)}' if _leaves_joints(evaluation) else
+                       f'choose goals of {listed([*tasks, own])} that are compatible')
+    for kind in dict.fromkeys(kind for kind, _ in blocking if kind != TASK):
+        names = [name for each, name in blocking if each == kind]
+        changes.append(HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1)))
+    return ', and '.join(changes)
