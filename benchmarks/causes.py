@@ -60,9 +60,9 @@ ACCELERATIONS = None, 3.0, 8.0, 15.0
 # A command has settled if it and the memory change by at most this in a number of cycles [rad/s or
 # m/s, and relative].
 STILL, SETTLED, CYCLES, MOST_CYCLES = 1e-9, 1e-6, 5, 2000
-# {name: (robot, stacks)}
+# {robot: stacks}
 CASES = {
-    'Panda': ('Panda', ("""
+    'Panda': ("""
 - tool: {type: pose, frame: panda_hand_tcp}
 - elbow: {type: position, frame: panda_link4}
 - posture: {type: posture}
@@ -70,13 +70,13 @@ CASES = {
 - cell: {type: keep_in, frame: panda_hand_tcp, shape: {box: [1.0, 1.0, 1.0]}, at: [0, 0, 0.5]}
 - tool: {type: position, frame: panda_hand_tcp}
 - direction: {type: orientation, frame: panda_hand_tcp, axes: xy}
-""")),
-    'UR5': ('UR5', ("""
+"""),
+    'UR5': ("""
 - tool: {type: position, frame: tool0}
 - turn: {type: orientation, frame: tool0}
 - posture: {type: posture}
-""",)),
-    'xArm 7': ('xArm 7', ("""
+""",),
+    'xArm 7': ("""
 - tool: {type: pose, frame: link7}
 - elbow: {type: position, frame: link4}
 - posture: {type: posture}
@@ -85,8 +85,8 @@ CASES = {
 - tool: {type: position, frame: link7}
 - direction: {type: orientation, frame: link7, axes: xy}
 - posture: {type: posture}
-""")),
-    'TIAGo on wheels': ('TIAGo on wheels', ("""
+"""),
+    'TIAGo on wheels': ("""
 - tool: {type: pose, frame: arm_tool_link}
 - elbow: {type: position, frame: arm_4_link}
 - posture: {type: posture}
@@ -94,8 +94,8 @@ CASES = {
 - tool: {type: position, frame: arm_tool_link, mode: scale}
 - turn: {type: orientation, frame: arm_tool_link}
 - posture: {type: posture}
-""")),
-    'Baxter': ('Baxter', ("""
+"""),
+    'Baxter': ("""
 - grip: {type: pose, frame: left_gripper, reference: right_gripper}
 - left: {type: position, frame: left_gripper}
 - posture: {type: posture}
@@ -104,8 +104,8 @@ CASES = {
 - left: {type: pose, frame: left_gripper}
 - right: {type: pose, frame: right_gripper}
 - posture: {type: posture}
-""")),
-    'Talos': ('Talos', ("""
+"""),
+    'Talos': ("""
 - left: {type: pose, frame: arm_left_7_link}
 - right: {type: pose, frame: arm_right_7_link}
 - head: {type: orientation, frame: head_2_link, axes: yz}
@@ -115,7 +115,7 @@ CASES = {
 - right: {type: position, frame: arm_right_7_link}
 - turn: {type: orientation, frame: arm_left_7_link}
 - posture: {type: posture}
-""")),
+"""),
 }
 LIMITS = {
     'velocity limit': ('velocity', 1e6), 'upper position limit': ('upper', 1e4),
@@ -217,9 +217,9 @@ class Findings:
 
 def drive(case: str, number: int) -> Iterator[Scene]:
     """Yield some moments of a run by its number."""
-    name, stacks = CASES[case]
+    stacks = CASES[case]
     random = np.random.default_rng([SEED, number])
-    robot = load_robot(name, random.choice(np.array(ACCELERATIONS, dtype=object)))
+    robot = load_robot(case, random.choice(np.array(ACCELERATIONS, dtype=object)))
     settings = Settings(
         period=PERIOD, blend=0.0, reserve=0.0, command_delay=0,
         scaling=str(random.choice(['redistribute', 'redistribute', 'uniform'])),

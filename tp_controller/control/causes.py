@@ -169,12 +169,16 @@ class Causes:
             removed += hidden
         if least > (1.0 - SIGNIFICANT_SHARE) * residual:
             return []
+        removed = self.fewest(level, removed, least + SIGNIFICANT_SHARE * residual)
+        return [self.kind_and_name(each) for each in removed]
+
+    def fewest(self, level: Level, removed: list[Removable], most: float) -> list[Removable]:
+        """Return the tasks and limits without which a level still misses `most` at most."""
         for candidate in tuple(removed):
             fewer = [each for each in removed if each is not candidate]
-            left = missing(level, self.variants.without(fewer))
-            if left <= least + SIGNIFICANT_SHARE * residual:
+            if missing(level, self.variants.without(fewer)) <= most:
                 removed = fewer
-        return [self.kind_and_name(each) for each in removed]
+        return removed
 
     def blocking_rows(self, evaluation: Evaluation, name: str) -> list[str]:
         """Return the names of the rows of an inequality task that block another task."""

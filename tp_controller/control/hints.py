@@ -34,6 +34,7 @@ from tp_controller.control.error_minimum import SIGNIFICANT_SHARE
 from tp_controller.control.gains import gain_remark
 from tp_controller.control.joint_limits import LIMITS, VelocityLimit
 from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_reach, listed
+from tp_controller.control.variants import Removable
 from tp_controller.control.velocity_limits import RESERVE
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.task import Evaluation, norm
@@ -95,17 +96,15 @@ def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
 def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
     """Return the change of all limits of a kind that matter; empty if it does not help enough."""
     variants, level = causes.variants, evaluation.level
-    active = [each for each in causes.active_limits(variants.level_index(evaluation))
-              if each.limits[0] == kind]
+    active: list[Removable] = [
+        each for each in causes.active_limits(variants.level_index(evaluation))
+        if each.limits[0] == kind]
     now = missing(level, variants.lasting.velocity)
     least = missing(level, variants.without(active))
     if now - least < HELPFUL_SHARE * now:
         return ''
-    for candidate in tuple(active):
-        fewer = [each for each in active if each is not candidate]
-        if missing(level, variants.without(fewer)) <= least + SIGNIFICANT_SHARE * now:
-            active = fewer
-    names = [causes.kind_and_name(each)[1] for each in active]
+    names = [causes.kind_and_name(each)[1] for each in causes.fewest(
+        level, active, least + SIGNIFICANT_SHARE * now)]
     change = HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1))
     time = _time_to_goal(evaluation, variants.lasting.velocity)
     return f'wait {time:.1g} s, or {change}' \

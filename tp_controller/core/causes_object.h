@@ -151,32 +151,32 @@ struct CauseSearch {
   }
 };
 
-// ((kind, index), …)
-PyObject *as_pairs(const std::vector<std::pair<int, int>> &found) {
-  Held all(PyTuple_New(Py_ssize_t(found.size())));
+// A tuple of what `make` returns for each of some items.
+template <typename Item, typename Make>
+PyObject *tuple_of(const std::vector<Item> &items, Make make) {
+  Held all(PyTuple_New(Py_ssize_t(items.size())));
   if (!all) return nullptr;
-  for (size_t i = 0; i < found.size(); ++i) {
-    PyObject *pair = Py_BuildValue("(ii)", found[i].first, found[i].second);
-    if (!pair || PyTuple_SetItem(all, Py_ssize_t(i), pair) != 0) return nullptr;
+  for (size_t i = 0; i < items.size(); ++i) {
+    PyObject *made = make(items[i]);
+    if (!made || PyTuple_SetItem(all, Py_ssize_t(i), made) != 0) return nullptr;
   }
   return all.release();
 }
 
+// ((kind, index), …)
+PyObject *as_pairs(const std::vector<std::pair<int, int>> &found) {
+  return tuple_of(found, [](const std::pair<int, int> &each) {
+    return Py_BuildValue("(ii)", each.first, each.second);
+  });
+}
+
 // ((kind, index, share), …) of each task
 PyObject *as_tuples(const std::vector<std::vector<Cause>> &found) {
-  Held all(PyTuple_New(Py_ssize_t(found.size())));
-  if (!all) return nullptr;
-  for (size_t task = 0; task < found.size(); ++task) {
-    const std::vector<Cause> &its = found[task];
-    Held causes(PyTuple_New(Py_ssize_t(its.size())));
-    if (!causes) return nullptr;
-    for (size_t i = 0; i < its.size(); ++i) {
-      PyObject *cause = Py_BuildValue("(iid)", its[i].kind, its[i].index, its[i].share);
-      if (!cause || PyTuple_SetItem(causes, Py_ssize_t(i), cause) != 0) return nullptr;
-    }
-    if (PyTuple_SetItem(all, Py_ssize_t(task), causes.release()) != 0) return nullptr;
-  }
-  return all.release();
+  return tuple_of(found, [](const std::vector<Cause> &causes) {
+    return tuple_of(causes, [](const Cause &each) {
+      return Py_BuildValue("(iid)", each.kind, each.index, each.share);
+    });
+  });
 }
 
 }  // namespace
