@@ -106,7 +106,7 @@ def draw(name: str, number: int) -> Scene:
         joint: {'velocity': RAISED * value} | (
             {'acceleration': acceleration} if acceleration else {})
         for joint, value in limits.items()})
-    stacks = CASES[name][1]
+    stacks = CASES[name]
     tasks = yaml.safe_load(stacks[random.integers(len(stacks))])
     for task in tasks:
         for keys in task.values():
