@@ -330,12 +330,12 @@ class ControlLoop:
             self.measurements.missing(now) or self.unmet or self.permits.reason(now), now)
 
     def _watch(self) -> None:
-        """Command zeros if no cycle has run for too long."""
+        """Command zeros if no cycle has run for too long, or none will as an input is missing."""
         if not self.active or self._stood_still():
             return
         now = boot_time()
         silence = now - self._last_cycle
-        if silence > self._timeout:
+        if silence > self._timeout or self.measurements.missing(now):
             reason = self._find_stop_reason(now)
             # A cycle may be longer than `state_timeout`.
             if not reason and silence > 2.0 * self._period:
