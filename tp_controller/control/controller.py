@@ -280,10 +280,10 @@ class Controller(TaskInputs):
             Positions of the passive joints [rad or m]; unchanged if omitted.
         elapsed : float, optional
             Time since the last command, used by acceleration limits, if the clock of the robot
-            is not that of `now`, as in a simulation; by default the advance of `now` [s]. If it
-            is not more than zero, because the clock stands still or was set back, the time
-            between commands is assumed to equal that at the last advance of the clock, at first
-            the `period`.
+            is not that of `now`, as in a simulation; by default the advance of `now`, in the
+            first cycle the `period` [s]. If it is not more than zero, because the clock stands
+            still or was set back, the time between commands is assumed to equal that at the last
+            advance of the clock, at first the `period`.
 
         Returns
         -------

@@ -190,7 +190,9 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
     options, levels, positions, now, elapsed, shared, before = problem
     _, pending, commanded, time, damping, transition, escape = memory
     if commanded is None:
-        elapsed = options.period
+        # From rest: the first command may change by what the joints can do in this time.
+        elapsed = elapsed if elapsed is not None and 0.0 < elapsed < options.period \
+            else options.period
     elif elapsed is None:
         elapsed = now - commanded
     elapsed, time = time.advance(elapsed, options.period)

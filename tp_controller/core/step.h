@@ -110,7 +110,7 @@ class ControlCycle {
     if (!evaluate(at)) return false;
     CycleTime time = memory.time();
     elapsed = time.advance(
-        std::isnan(memory.commanded()) ? period
+        std::isnan(memory.commanded()) ? (measured > 0.0 && measured < period ? measured : period)
             : std::isnan(measured) ? at.now - memory.commanded() : measured, period);
     bound(at.positions, time);
     std::copy(memory.damping(), memory.damping() + groups_.size(),

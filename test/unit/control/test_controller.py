@@ -325,6 +325,17 @@ def accelerated(robot, acceleration):
     return Robot.from_urdf(robot.urdf, base=robot.base, limits=limits)
 
 
+@pytest.mark.parametrize(('elapsed', 'most'), [
+    (0.005, 0.005), (None, 0.1), (0.0, 0.1), (9.0, 0.1)])
+def test_the_first_command_is_one_that_joints_at_rest_can_follow(elapsed, most):
+    # Where commands follow joint states, the period is only the longest time between them.
+    robot = accelerated(robots.planar(), 2.0)
+    stack = Stack.from_yaml('- rest: {type: posture, target: [3.0, 2.0, 2.0], gain: 5.0}', robot)
+    controller = Controller(robot, stack, Settings(period=0.1))
+    first = controller.update([0.0, 0.0, 0.0], 0.0, elapsed=elapsed).velocity
+    assert np.abs(first).max() == pytest.approx(2.0 * most)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(['panda', 'mixed', 'planar', 'floating', 'talos_arm', 'xarm7']),
        st.sampled_from([20.0, 100.0, 1000.0]), st.sampled_from([3.0, 15.0]), st.integers(0, 2),
