@@ -228,9 +228,10 @@ class Causes:
         if self._is_damped(index):
             yield DAMPING, '', lasting - missing(level, variants.undamped)
         yield from self._singular(evaluation, lasting)
-        yield from self._passing(level, now)
+        yield from self._passing(level, now, lasting)
 
-    def _passing(self, level: Level, now: float) -> Iterator[tuple[str, str, float]]:
+    def _passing(self, level: Level, now: float, lasting: float
+                 ) -> Iterator[tuple[str, str, float]]:
         """Yield the candidates that disappear by themselves, one after the other."""
         variants = self.variants
         if self._outcome.override == TRANSITION:
@@ -241,7 +242,8 @@ class Causes:
         if self._accelerating is not None:
             yield (*self._accelerating, now - accelerated)
         if variants.remembers:
-            yield CURVED, '', accelerated - missing(level, variants.straight)
+            # Curvature that is about to be forgotten, and that of the cycle that lasts.
+            yield CURVED, '', accelerated - min(missing(level, variants.straight), lasting)
 
     @cached_property
     def _accelerating(self) -> tuple[str, str] | None:

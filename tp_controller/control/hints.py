@@ -15,6 +15,7 @@
 """Hints: changes that bring back a part of what a task misses, tried before they are given."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -26,6 +27,7 @@ from tp_controller.control.causes import (
     DAMPING,
     IMPOSSIBLE,
     missing,
+    NEAR_SINGULAR,
     SINGULARITY,
     TASK,
 )
@@ -53,7 +55,7 @@ HINTS = {
     IMPOSSIBLE: 'leave out the axes that the robot cannot move here',
     DAMPING: 'lower the setting damping',
     TRANSITION: 'wait, or lower the setting blend',
-    ACCELERATING: 'wait {time:.1g} s',
+    ACCELERATING: 'wait {time} s',
 }
 # Kinds of causes that are limits of a joint and last.
 LASTING_LIMITS = frozenset(limit.name for limit in LIMITS if not limit.transient)
@@ -79,7 +81,10 @@ def hint_of(evaluation: Evaluation, found: Sequence[Cause], combined: Combined,
         hint = _hint(evaluation, cause, causes)
         if hint:
             return hint
-    return ''
+    blocking = next((cause.name for cause in found
+                     if cause.kind == TASK and cause.share >= HELPFUL_SHARE), '')
+    return blocking and f'choose goals of {blocking} and {evaluation.task.name} that are ' \
+        'compatible'
 
 
 def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
@@ -90,7 +95,10 @@ def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
         return ''
     if cause.kind == TASK:
         return _for_task(evaluation, cause.name, causes)
-    return HINTS.get(cause.kind, '').format(name=cause.name, s='', time=causes.acceleration_time)
+    if cause.kind == IMPOSSIBLE and not _moves_otherwise(evaluation, causes):
+        return ''
+    time = _one_digit(causes.acceleration_time)
+    return HINTS.get(cause.kind, '').format(name=cause.name, s='', time=time)
 
 
 def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
@@ -107,8 +115,13 @@ def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
         level, active, least + SIGNIFICANT_SHARE * now)]
     change = HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1))
     time = _time_to_goal(evaluation, variants.lasting.velocity)
-    return f'wait {time:.1g} s, or {change}' \
+    return f'wait {_one_digit(time)} s, or {change}' \
         if kind == VelocityLimit.name and math.isfinite(time) else change
+
+
+def _one_digit(time: float) -> str:
+    """Return a time with one digit that counts, as text."""
+    return f'{float(f"{time:.0e}"):g}'
 
 
 def _time_to_goal(evaluation: Evaluation, velocity: Array) -> float:
@@ -121,13 +134,26 @@ def _time_to_goal(evaluation: Evaluation, velocity: Array) -> float:
 
 
 def _for_task(evaluation: Evaluation, name: str, causes: Causes) -> str:
-    """Return the change of another task that blocks one."""
+    """Return the change of a task that blocks another one; empty if it does not help enough."""
     own = evaluation.task.name
     if causes.shares_level(evaluation, name):
         return f'give {name} and {own} levels of their own'
     if _exchange_helps(evaluation, name, causes):
         return f'exchange {name} and {own} in the stack, or choose goals that are compatible'
-    return f'choose goals of {name} and {own} that are compatible'
+    return ''
+
+
+def _moves_otherwise(evaluation: Evaluation, causes: Causes) -> bool:
+    """Return whether a task that lacks much moves well along the axes that it can move along."""
+    level, lasting = evaluation.level, causes.variants.lasting
+    its = lasting.directions_alone(level, NEAR_SINGULAR)
+    if its is None or level.v is None \
+            or missing(level, lasting.velocity) < HELPFUL_SHARE * norm(level.v):
+        return False
+    kept = its.U.dot(its.U.T)
+    reduced = replace(level, J=kept.dot(level.J), v=kept.dot(level.v))
+    velocity = causes.variants.with_level(evaluation, reduced)
+    return missing(reduced, velocity) <= (1.0 - HELPFUL_SHARE) * norm(reduced.v)
 
 
 def _exchange_helps(evaluation: Evaluation, name: str, causes: Causes) -> bool:

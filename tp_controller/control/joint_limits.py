@@ -236,7 +236,7 @@ class AccelerationLimit(JointLimit):
 
     name, key = 'acceleration limit', 'acceleration'
     sentence = '{} at its acceleration limit'
-    hint = 'wait {time:.1g} s'
+    hint = 'wait {time} s'
     transient = compiled = True
 
     def __init__(self, limits: Mapping[str, Array], period: float, gain: float) -> None:

@@ -162,17 +162,21 @@ def _combined(causes: Sequence[tuple[str, str]]) -> str:
     if kind in LIMIT_KINDS and all(other == kind for other, _ in causes):
         # Their shares are much alike: in the order of the largest they would change places.
         return f'{listed(sorted(name for _, name in causes))} at their {kind}s'
-    names = [name if kind in (TASK, BOUNDS) else f'the {kind} of {name}' for kind, name in causes]
+    names = [name if kind == TASK else f'the {kind} of {name}' for kind, name in causes]
+    named = {kind for kind, _ in causes[:NAMES_PER_REASON]}
     kinds = Counter([kind for kind, _ in causes[NAMES_PER_REASON:]])
-    more = [f'{count} more {kind if count == 1 or kind == BOUNDS else kind + "s"}'
+    more = [f'{count} {"more " if kind in named else ""}'
+            f'{kind if count == 1 or kind == BOUNDS else kind + "s"}'
             for kind, count in kinds.items()]
     return f'blocked by {_enumerated([*names[:NAMES_PER_REASON], *more])} together'
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names as text, the first `NAMES_PER_REASON` of them and the number of others."""
+    """Return names as text, the first `NAMES_PER_REASON` of many and the number of others."""
     more = len(names) - NAMES_PER_REASON
-    return _enumerated([*names[:NAMES_PER_REASON], *([f'{more} more'] if more > 0 else [])])
+    if more <= 1:
+        return _enumerated(names)
+    return _enumerated([*names[:NAMES_PER_REASON], f'{more} more'])
 
 
 def _enumerated(names: Sequence[str]) -> str:

@@ -59,7 +59,7 @@ class Causes {
     if (is_damped(part.level))
       add_cause(DAMPING, -1, lasting - missing(level, variants_.undamped()));
     consider_singular(part, level, lasting);
-    consider_passing(level, now);
+    consider_passing(level, now, lasting);
     std::stable_sort(found_.begin(), found_.end(),
                      [](const Cause &a, const Cause &b) { return a.share > b.share; });
     return found_;
@@ -204,7 +204,7 @@ class Causes {
   }
 
   // The candidates that disappear by themselves, one after the other.
-  void consider_passing(const Level &level, double now) {
+  void consider_passing(const Level &level, double now, double lasting) {
     const double accelerated = missing(level, variants_.accelerated());
     if (variants_.accelerates()) {
       const ActiveLimits only = transient_limit();
@@ -212,7 +212,8 @@ class Causes {
                 now - accelerated);
     }
     if (variants_.remembers())
-      add_cause(CURVED, -1, accelerated - missing(level, variants_.straight()));
+      add_cause(CURVED, -1,
+                accelerated - std::min(missing(level, variants_.straight()), lasting));
   }
 
   // The only transient limit at which a joint is; joint −1 where there are none or several.

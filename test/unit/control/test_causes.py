@@ -443,7 +443,7 @@ def test_of_many_that_block_together_three_are_named_and_the_others_counted():
 - e: {type: joint, joints: slide_x, target: [2.0]}
 - f: {type: position, frame: z, axes: x}
 """, [2.0, 0.0, 0.0], goals={'f': [2.5, 0.0, 0.0]})['f']
-    assert task.reason == ('blocked by a, b, c, 2 more tasks and 1 more upper position limit '
+    assert task.reason == ('blocked by a, b, c, 2 more tasks and 1 upper position limit '
                            'together')
     assert len(task.phrases) == 6
 
@@ -455,3 +455,27 @@ def test_disabled_task_has_neither_cause_nor_reason():
     controller.enable('j', False)
     task, = controller.update([0.0, 0.0, 0.0], 0.0).report.tasks
     assert (task.causes, task.reason, task.hint, task.status) == ((), '', '', 'disabled')
+
+
+def test_curvature_that_is_about_to_be_forgotten_is_a_cause():
+    # Uniform scaling: without any curvature the task above would be faster, and leave less.
+    robot = robots.panda()
+    controller = Controller(robot, Stack.from_yaml("""
+- [cell: {type: keep_in, frame: panda_hand_tcp, shape: {box: [0.8, 0.49, 0.77]},
+          at: [-0.2, -0.56, 0.74]}, margin: {type: joint_limits, margin: 0.1}]
+- second: {type: position, frame: panda_link4, gain: 2.0}
+- joints: {type: joint, joints: [panda_joint3, panda_joint7], gain: 0.5}
+""", robot), Settings(period=0.01, scaling='uniform'))
+    simulator = KinematicSimulator(robot, [-1.53, 0.31, 0.008, -0.986, -1.332, 1.225, -2.03])
+    controller.set_goal('second', [0.147, 0.286, 0.391], 0.0)
+    controller.set_goal('joints', [-0.919, -0.205], 0.0)
+    missing = []
+    for cycle in range(250):
+        command = controller.update(simulator.q, 0.01 * cycle)
+        task = command.report.tasks[-1]
+        missing.append(1.0 - task.achieved_speed / task.demanded_speed)
+        if cycle == 224:
+            assert missing[-1] > 0.3 and task.phrases == ('slowed so that it does not oscillate',)
+        simulator.command(command.velocity)
+        simulator.step(0.01)
+    assert missing[-1] < 0.01
