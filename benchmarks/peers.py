@@ -19,8 +19,10 @@ Run as ``python benchmarks/peers.py``. What is not installed is skipped; ``pip i
 .[peers]`` installs what can live beside this package. placo 0.10 needs pinocchio 3 and this
 package pinocchio 4: make an environment of its own for it, ``python3 -m venv placo; placo/bin/pip
 install placo``, and add ``--python placo=placo/bin/python``. tsid 1.10 needs pinocchio 4.0, so
-the same for ``tsid==1.10.0 pin==4.0.0``; docs/performance.md says how with a Python older than
-3.14. ``recursion`` is the plain recursion of *lecture* (docs/sources.md), in numpy with pinocchio.
+the same for ``tsid==1.10.0 pin==4.0.0``. A part of it, libtsid, is marked for Python 3.14 but does
+not use Python: install it first, ``pip install --target <environment>/lib/python3.11/site-packages
+--no-deps --only-binary :all: --python-version 3.14 libtsid==1.10.0``. ``recursion`` is the plain
+recursion of *lecture* (docs/sources.md), in numpy with pinocchio.
 
 Every package has a process of its own, and all read the same URDF. ``--only`` takes some of:
 
@@ -32,23 +34,6 @@ Every package has a process of its own, and all read the same URDF. ``--only`` t
 - ``motions``: closed loops with an ideal robot at 100 Hz show how well the tasks are carried out.
   Goals of the second task come from another posture than those of the first, so the two contradict
   each other.
-
-What the others do better, by their own documentation:
-
-- pink: barrier functions for positions and bodies, acceleration limits, tasks for rolling and
-  holonomic constraints, any QP solver of qpsolvers; one file to read.
-- mink: everything MuJoCo knows of a robot: its models, contacts, collision avoidance between any
-  two geometries, closed kinematic chains; inverse kinematics and simulation from one model.
-- placo: speed (C++), kinematic loops, collisions, centre of mass in a polygon, and inverse
-  dynamics with contacts and torques with the same interface.
-- embodik: speed (C++), priorities as here, collision and centre-of-mass constraints with recovery,
-  acceleration-level solver, batches on the GPU, teleoperation examples.
-- OInK: C++, priorities, barrier functions for positions and self-collision, acceleration limits
-  that brake in time; part of roboplan, which also plans motions around obstacles.
-- tsid: inverse dynamics (C++): contacts with friction cones, forces, torque limits, legged robots.
-
-This package has strict priorities of any number of tasks and inequality tasks at any level, says
-why a task is limited, and is a ROS 2 node; it is kinematic only.
 """
 
 import argparse

@@ -269,6 +269,9 @@ def key_rows(kind):
     """Return the rows of a table of the keys of a task type."""
     described, valid, rows = kind.described_keys(), kind.key_ranges(), []
     for key, default in kind.accepted_keys().items():
+        if key == 'accept':
+            # Every type has it, and docs/check.md explains it.
+            continue
         if key == 'tolerance':
             default = '{' + ', '.join(f'{unit}: {value:g}'
                                       for unit, value in DEFAULT_TOLERANCE.items()) + '}'

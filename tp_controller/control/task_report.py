@@ -43,7 +43,7 @@ from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.task import Evaluation, norm, Task
-from tp_controller.tasks.task_errors import raised
+from tp_controller.tasks.task_errors import out_of_reach, raised
 from tp_controller.untrusted.calls import foreign
 
 # Residual for tasks that do not report it.
@@ -177,6 +177,12 @@ class TaskReport:
         return '; '.join(each.sentence for each in self._statements if each.sentence)
 
     @property
+    def main_cause(self) -> str:
+        """Return the first part of the reason without numbers; empty if there is none."""
+        first = self._statements[0] if self._statements else Statement('', ('',))
+        return first.phrases[0] if len(first.phrases) == 1 else first.sentence
+
+    @property
     def phrases(self) -> tuple[str, ...]:
         """
         Return a short phrase without numbers for each cause, the largest share first.
@@ -189,13 +195,7 @@ class TaskReport:
     @cached_property
     def _unreachable(self) -> str:
         """Return the reason why no motion can reach the goal, even a distant one; else empty."""
-        task = self._task
-        try:
-            with foreign:
-                return '' if task.goal is None else str(task.out_of_reach(task.goal))
-        except Exception:
-            # A failing remark of another package's task type is not a fault.
-            return ''
+        return out_of_reach(self._task)
 
     @cached_property
     def hint(self) -> str:

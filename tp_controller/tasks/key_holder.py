@@ -27,6 +27,7 @@ from tp_controller.tasks.keys import (
     Gain,
     Keys,
     parse_gain,
+    parse_kinds,
     parse_mode,
     parse_tolerance,
     positive,
@@ -98,6 +99,9 @@ class KeyHolder(GoalHolder):
         '{m: …, rad: …}', 'm, rad')
     timeout: float = yaml_key('time that a feed-forward velocity stays in force', positive,
                               DEFAULT_TIMEOUT, unit='s', acts=False)
+    accept: tuple[str, ...] = yaml_key(
+        'kinds of findings of `tp_controller check` that are meant to be so', parse_kinds, (),
+        acts=False)
     mode: str = yaml_key(
         'behaviour at a limit: least_squares comes as near to the desired velocity as possible, '
         'scale keeps its direction and scales it down', parse_mode, DEFAULT_MODE)

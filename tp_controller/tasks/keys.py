@@ -120,6 +120,14 @@ class Number:
         return found
 
 
+def parse_kinds(kinds: object) -> tuple[str, ...]:
+    """Return one text or a list of them as a tuple, or raise ValueError."""
+    each = [kinds] if isinstance(kinds, str) else kinds
+    if not isinstance(each, (list, tuple)) or not all(isinstance(kind, str) for kind in each):
+        raise ValueError(f'needs a list of kinds of findings, got {kinds!r}')
+    return tuple(each)
+
+
 # Parsers of positive numbers, and of numbers that are not negative.
 positive, non_negative = Number(zero=False), Number(zero=True)
 

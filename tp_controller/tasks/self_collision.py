@@ -16,6 +16,7 @@
 
 from collections.abc import Sequence
 import math
+from typing import Any
 
 import numpy as np
 from tp_controller.errors import TaskError
@@ -77,6 +78,11 @@ class SelfCollision(CollisionTask):
         if self.left_out:
             self.remarks = (f'not kept apart, as nearer than distance = {self.distance:g} in most '
                             f'postures: {", ".join(self.left_out)}',)
+
+    def with_all_links(self) -> 'SelfCollision':
+        """Return the same task for all links that have shapes, or raise `TaskError`."""
+        keys: dict[str, Any] = {**self._given_keys, 'links': None}
+        return type(self)(self.robot, self.name, **keys)
 
     def _no_pairs(self) -> str:
         """Return the message about a task without pairs."""

@@ -163,3 +163,13 @@ def _is_vector(values: Array, size: int) -> bool:
     """Return whether `values` is an array (size,) of finite floats."""
     return isinstance(values, np.ndarray) and values.dtype == float \
         and values.shape == (size,) and bool(np.isfinite(values).all())
+
+
+def out_of_reach(task: Task) -> str:
+    """Return a remark if no posture of the robot reaches the goal of a task; mostly empty."""
+    try:
+        with foreign:
+            return '' if task.goal is None else str(task.out_of_reach(task.goal))
+    except Exception:
+        # A failing remark of another package's task type is not a fault.
+        return ''

@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 import math
@@ -49,7 +50,8 @@ from tp_controller.tools.check.configuration_sample import (
     ConfigurationSample,
     sample_configuration,
 )
-from tp_controller.tools.check.cycle_times import cycle_times
+from tp_controller.tools.check.contradictions import Contradiction, contradictions
+from tp_controller.tools.check.cycle_times import cycle_times, expected_seconds
 from tp_controller.tools.check.extremes import EXTREMES
 from tp_controller.tools.check.findings import (
     about_bounds,
@@ -61,11 +63,13 @@ from tp_controller.tools.check.findings import (
     about_robot,
     about_singularities,
     about_time,
+    about_values,
     NAMES_PER_FINDING,
 )
 from tp_controller.tools.check.results import (
     by_severity,
     CauseCount,
+    check_kinds,
     CheckReport,
     Finding,
     LevelResult,
@@ -76,8 +80,11 @@ from tp_controller.tools.check.results import (
     WRONG,
 )
 from tp_controller.tools.check.setup import in_process, Plan, Result, Seed, Setup
+from tp_controller.tools.check.unwatched import about_unwatched
 
 REPORT_VERSION = 1
+# Cosine of the angle between two directions from which they count as the same [1].
+SAME_DIRECTION = 1.0 - 1e-6
 # Defaults: number of samples and of closed loops, longest time of a closed loop [s].
 SAMPLES, RUNS, RUN_SECONDS = 300, 20, 15.0
 # Near goals: share of the distance from the start to a random configuration [1]; half of them are.
@@ -121,7 +128,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
           period: float | None = None, samples: int = SAMPLES, runs: int = RUNS,
           seconds: float = RUN_SECONDS, seed: int = 0, jobs: int = 1,
           executor: Executor | None = None, around: ArrayLike | None = None,
-          progress: Progress = _no_progress) -> CheckReport:
+          progress: Progress = _no_progress,
+          expecting: Callable[[float], None] | None = None) -> CheckReport:
     """
     Check a stack for faults and doubtful properties, before a robot moves.
 
@@ -159,6 +167,9 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
     progress : callable, optional
         Called with a number of parts and a text for each section of the work; returns a context
         manager whose value has a method ``advance()``.
+    expecting : callable, optional
+        Called before the work, with the time that it takes on this machine, to about a factor of
+        two, if nothing else runs [s].
 
     Returns
     -------
@@ -177,11 +188,22 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
 
     """
     settings = settings or Settings()
+    # Goals of the closed loops are not those of people.
+    settings = replace(settings, workspace=Settings().workspace, largest_jump=math.inf,
+                       largest_turn=math.inf)
     setup = Setup(robot, stack, settings, _checked_period(period, settings), seconds,
                   robot.state(start_configuration(robot) if around is None else around).q)
     _check_counts(samples, runs, seconds, seed)
-    seeds = np.random.SeedSequence(seed).spawn(3)
+    check_kinds(kind for task in stack.tasks.values() for kind in task.accept)
+    seeds = np.random.SeedSequence(seed).spawn(5)
     faults = _refusals(setup)
+    if expecting and not faults:
+        processes = jobs if jobs > 0 else os.cpu_count() or 1
+        expecting(expected_seconds(setup, samples, runs) / processes)
+    contradicting = [] if faults or not runs else contradictions(setup, seeds[3])
+    if contradicting:
+        # No configuration satisfies the stack: more tries would only take time.
+        setup = replace(setup, tries=1)
     with _workers(setup, jobs, executor) as spread:
         with progress(samples, 'samples') as shown:
             configurations = list(_advancing(
@@ -198,7 +220,8 @@ def check(robot: Robot, stack: Stack, settings: Settings | None = None, *,
         except TpControllerError:
             # A task fails; the runs report it.
             pass
-    return _report(setup, seed, configurations, found, faults, timing)
+    return _report(setup, seed, configurations, found, faults, timing, contradicting,
+                   [] if faults else list(about_unwatched(setup, seeds[4])))
 
 
 @contextmanager
@@ -278,7 +301,9 @@ def _refusals(setup: Setup) -> list[Finding]:
 
 
 def _report(setup: Setup, seed: int, configurations: Sequence[ConfigurationSample],
-            runs: Sequence[Run], faults: Sequence[Finding], timing: Timing | None) -> CheckReport:
+            runs: Sequence[Run], faults: Sequence[Finding], timing: Timing | None,
+            contradicting: Sequence[Contradiction], unwatched: Sequence[Finding]
+            ) -> CheckReport:
     """Return the report of the results."""
     seen = [each for each in configurations if not each.fault]
     levels, pairs = _levels(setup, seen), _pairs(seen)
@@ -287,17 +312,19 @@ def _report(setup: Setup, seed: int, configurations: Sequence[ConfigurationSampl
     worst = _worst(runs)
     numbers = {task.name: task.level for task in tasks}
     filling = seen[0].filling if seen else frozenset()
-    findings = [*faults, *_failures(configurations, runs), *chain(
-        about_robot(setup), about_levels(levels, filling),
+    findings = [*faults, *unwatched, *_failures(configurations, runs), *chain(
+        about_robot(setup), about_values(setup), about_levels(setup, levels, filling),
         about_pairs(pairs, numbers), about_gains(setup),
-        about_singularities(setup, tasks), about_bounds(tasks, len(runs)),
-        about_goals(tasks, filling, setup), about_limits(worst, setup),
+        about_singularities(setup, tasks),
+        about_bounds(setup, tasks, len(runs), contradicting),
+        about_goals(setup, tasks, len(runs), filling), about_limits(worst, setup),
         about_time(timing, setup) if timing else ())]
     ended = Counter(run.ended for run in runs)
     return CheckReport(
         REPORT_VERSION, setup.robot.name, 1.0 / setup.period, seed, len(configurations), len(runs),
         {how: ended[how] for how in (REACHED, AT_REST, TIME_UP, FAILED)} if runs else {},
-        by_severity(findings), levels, tasks, pairs, worst, timing)
+        by_severity(findings), levels, tasks, pairs, worst, timing).accepting(
+            tasks={task.name: task.accept for task in setup.stack.tasks.values()})
 
 
 def _numbered(stack: Stack) -> list[tuple[Task, int]]:
@@ -316,10 +343,13 @@ def _failures(configurations: Sequence[ConfigurationSample], runs: Sequence[Run]
 
 def _levels(setup: Setup, configurations: Sequence[ConfigurationSample]
             ) -> tuple[LevelResult, ...]:
-    """Return the rank left to each level with a demand."""
+    """Return the rank left to each level, over the samples in which it has one alone."""
     found = []
     for number in configurations[0].ranks if configurations else ():
-        left, alone = np.array([each.ranks[number] for each in configurations]).T
+        ranks = np.array([each.ranks[number] for each in configurations])
+        acting = ranks[ranks[:, 1] > 0]
+        # A level that the robot cannot move has no rank in any sample.
+        left, alone = (acting if len(acting) else ranks).T
         found.append(LevelResult(
             number, tuple(task.name for task in setup.stack.active[number - 1]),
             int(alone.max()), int(left.min()), float(np.median(left)), int(left.max()),
@@ -341,27 +371,32 @@ def _task(setup: Setup, task: Task, number: int, configurations: Sequence[Config
           runs: Sequence[Run]) -> TaskResult:
     """Return the result of a task."""
     name = task.name
-    singular = smallest = outside = rows = active = active_in_loops = None
+    fixed = False
+    singular = smallest = outside = rows = active = within_reach = active_in_loops = None
     if configurations and name in configurations[0].smallest:
-        values = np.array([each.smallest[name] for each in configurations])
+        values = np.array([each.smallest[name][0] for each in configurations])
+        directions = np.array([each.smallest[name][1] for each in configurations])
+        fixed = bool((np.abs(directions @ directions[0]) > SAME_DIRECTION).all())
         region = _region(setup, number)
         smallest = float(np.median(values))
         singular = None if region is None else float(np.mean(values < region))
     if configurations and name in configurations[0].bounds:
-        outside, active, rows = np.mean(
+        outside, active, rows, within_reach = np.mean(
             [each.bounds[name] for each in configurations], axis=0).tolist()
         shares = [run.active[name] for run in runs if name in run.active]
         active_in_loops = float(np.mean(shares)) if shares else None
     done = [(run.tasks[name], run.far) for run in runs if name in run.tasks]
     possible = [(each, far) for each, far in done if each.possible]
+    missed = [each for each, _ in possible or done if not each.reached]
     reached = [each for each, _ in possible if each.reached]
     near = [each for each, far in possible if far <= NEAR_SHARE]
     seconds = [each.seconds for each in reached]
     return TaskResult(
         name, task.type_name, number, decay_step(task, task.gain, setup.period), singular,
-        smallest, outside, rows, active, active_in_loops, len(possible), len(reached), len(near),
-        sum(each.reached for each in near), float(np.median(seconds)) if seconds else None,
-        max(seconds, default=None), _causes([each for each, _ in possible]))
+        fixed, smallest, outside, rows, active, within_reach, active_in_loops, len(possible),
+        len(reached), len(near), sum(each.reached for each in near),
+        float(np.median(seconds)) if seconds else None, max(seconds, default=None),
+        _causes(missed), _hint(missed))
 
 
 def _region(setup: Setup, number: int) -> float | None:
@@ -372,11 +407,16 @@ def _region(setup: Setup, number: int) -> float | None:
     return None if damping.everywhere else damping.singular_region
 
 
-def _causes(runs: Sequence[TaskRun]) -> tuple[CauseCount, ...]:
-    """Return the counts of the main causes in runs that missed the goal, most frequent first."""
-    counts = Counter(run.causes[0] if run.causes else ('', '') for run in runs
-                     if not run.reached)
-    return tuple(CauseCount(kind, name, count) for (kind, name), count in counts.most_common())
+def _causes(missed: Sequence[TaskRun]) -> tuple[CauseCount, ...]:
+    """Return the counts of the largest causes in runs, the most frequent first."""
+    return tuple(CauseCount(*cause, count)
+                 for cause, count in Counter(run.cause for run in missed).most_common())
+
+
+def _hint(missed: Sequence[TaskRun]) -> str:
+    """Return the most frequent hint of runs; empty if there is none."""
+    return next((hint for hint, _ in Counter(
+        run.hint for run in missed if run.hint).most_common(1)), '')
 
 
 def _worst(runs: Sequence[Run]) -> tuple[WorstResult, ...]:

@@ -16,23 +16,22 @@
 
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
 from tp_controller.control.controller import Command, Controller
+from tp_controller.control.reasons import OUT_OF_REACH, phrase
 from tp_controller.control.task_report import TaskReport
 from tp_controller.errors import GoalError, in_words, TpControllerError
 from tp_controller.model.simulator import KinematicSimulator
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
 from tp_controller.tools.check.extremes import Extremes, Worst
-from tp_controller.tools.check.results import STILL_MOVING
+from tp_controller.tools.check.results import COMBINED, STILL_MOVING, UNREACHABLE
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
-# Largest number of configurations tried until one, as a start or for goals, satisfies the stack.
-MOST_CONFIGURATIONS = 3
 # Interval between reports [s]: a report takes as long as the cycle itself.
 REPORT_INTERVAL = 0.05
 # Speed [rad/s or m/s] below which, for this time [s], a robot counts as at rest.
@@ -59,19 +58,18 @@ class TaskRun:
         The task was at its goal, or within its bounds, in the end.
     seconds : float
         Time from which on it stayed there; NaN if it did not [s].
-    causes : tuple of (str, str)
-        Kind and name of the causes that limited it in the end; see
-        `tp_controller.control.causes.Cause`.
-    reason : str
-        Causes as a sentence.
+    cause : tuple of str
+        Kind, name and text of the largest cause that limited it in the end, as in `CauseCount`.
+    hint : str
+        Suggested change; empty if there is none.
 
     """
 
     possible: bool
     reached: bool
     seconds: float
-    causes: tuple[tuple[str, str], ...] = ()
-    reason: str = ''
+    cause: tuple[str, str, str] = ('', '', '')
+    hint: str = ''
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ class Loop:
 
     def step(self) -> Command:
         """Run one cycle."""
-        command = self.controller.update(self.simulator.q, self.now)
+        command = self.controller.update(self.simulator.q, self.now, elapsed=self.setup.period)
         if self.extremes is not None:
             self.extremes.add(self.simulator.q, command.velocity)
         self.follow(command)
@@ -253,7 +251,7 @@ def _valid_configuration(setup: Setup, random: np.random.Generator, around: Arra
     that configuration as default goals.
     """
     found: list[tuple[Array, dict[str, bool]]] = []
-    while not found or len(found) < MOST_CONFIGURATIONS and not all(found[-1][1].values()):
+    while not found or len(found) < setup.tries and not all(found[-1][1].values()):
         stack = setup.stack.copy()
         given = [task for task in stack.active_tasks if task.bounded or task.goal is not None]
         loop = Loop.at(setup, random_configuration(setup.robot, random, around, far), stack)
@@ -276,24 +274,30 @@ def _score(setup: Setup, reached: dict[str, bool]) -> tuple[int, int]:
 def _run(setup: Setup, number: int, start: Array, goals: Array, far: float,
          possible: dict[str, bool]) -> Run:
     """Return the result of a closed loop from a configuration to the goals of another one."""
-    loop = start_loop(setup, start, goals)
-    loop.extremes = Extremes(setup.robot, setup.period, number)
+    extremes = Extremes(setup.robot, setup.period, number)
+    loop = start_loop(setup, start, goals, extremes)
     ended = loop.run(setup.seconds)
     tasks = {task.name: _task_run(task, loop.since[task.name], possible.get(task.name, True))
              for task in loop.reports}
+    moving = {name for name, its in tasks.items() if its.cause[0] == STILL_MOVING}
+    # What is blocked by a task that is still on its way might yet get to its goal.
+    tasks = {name: replace(its, possible=False) if its.cause[:1] == ('task',)
+             and its.cause[1] in moving else its for name, its in tasks.items()}
     active = {name: loop.active[name] / loop.reads
               for name, task in loop.controller.stack.tasks.items() if task.bounded}
     fault = next(iter(loop.controller.stack.faults.items()), ())
-    return Run(ended, loop.now, loop.cycles, far, tasks, active, loop.extremes.worst(), fault)
+    return Run(ended, loop.now, loop.cycles, far, tasks, active, extremes.worst(), fault)
 
 
-def start_loop(setup: Setup, start: Array, goals: Array) -> Loop:
+def start_loop(setup: Setup, start: Array, goals: Array, extremes: Extremes | None = None
+               ) -> Loop:
     """
     Return a loop that starts at a configuration and has the goals of another one.
 
     Tasks with a goal of the stack keep it.
     """
     loop = Loop.at(setup, start, setup.stack.copy())
+    loop.extremes = extremes
     # In the first cycle, the tasks take their present values as default goals, as in a node.
     loop.step()
     there = setup.stack.copy()
@@ -311,8 +315,18 @@ def start_loop(setup: Setup, start: Array, goals: Array) -> Loop:
 def _task_run(task: TaskReport, since: float, possible: bool) -> TaskRun:
     """Return the outcome of a task."""
     if task.reached:
-        return TaskRun(possible, True, since)
-    causes = tuple((cause.kind, cause.name) for cause in task.causes)
-    if not task.reason:
-        causes = ((STILL_MOVING, ''),)
-    return TaskRun(possible, False, math.nan, causes, task.reason)
+        return TaskRun(True, True, since)
+    return TaskRun(possible, False, math.nan, _cause(task), task.hint)
+
+
+def _cause(task: TaskReport) -> tuple[str, str, str]:
+    """Return `TaskRun.cause` of a task that is not at its goal."""
+    text = task.main_cause
+    if not text:
+        return STILL_MOVING, '', 'still on its way'
+    if text == OUT_OF_REACH:
+        return UNREACHABLE, '', text
+    for cause in task.causes:
+        if phrase(cause.kind, cause.name) == text:
+            return cause.kind, cause.name, text
+    return COMBINED if len(task.phrases) > 1 else '', '', text

@@ -28,6 +28,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level, NEGLIGIBLE
 from tp_controller.solver.solution import Solution
+from tp_controller.tasks.keys import MAX_NUMBER
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
 from tp_controller.tools.check.sampling import random_configuration
@@ -47,13 +48,15 @@ class ConfigurationSample:
     fault : tuple of str
         Task and reason if a task fails; the other fields are then empty.
     ranks : dict
-        {level: (rank left by the levels above, rank alone)}, levels from 1 with a demand.
+        {level: (rank left by the levels above, rank alone)}, levels from 1.
     smallest : dict
-        {task: smallest singular value of its rows}.
+        {task: smallest singular value of its rows, and the direction of the task (m,) that
+        belongs to it}.
     pairs : dict
         {(task, task): (smallest angle between their rows [rad], directions that they share)}.
     bounds : dict
-        {inequality task: (value outside its bounds, bounds active, share of rows outside)}.
+        {inequality task: (value outside its bounds, bounds active, share of rows outside, joints
+        at their velocity limits could bring it to its bounds)}.
     filling : frozenset of str
         Tasks that demand a velocity of every joint.
 
@@ -61,9 +64,9 @@ class ConfigurationSample:
 
     fault: tuple[str, ...]
     ranks: dict[int, tuple[int, int]]
-    smallest: dict[str, float]
+    smallest: dict[str, tuple[float, Array]]
     pairs: dict[tuple[str, str], tuple[float, int]]
-    bounds: dict[str, tuple[bool, bool, float]]
+    bounds: dict[str, tuple[bool, bool, float, bool]]
     filling: frozenset[str] = frozenset()
 
 
@@ -106,10 +109,10 @@ def sample_configuration(setup: Setup, seed: np.random.SeedSequence) -> Configur
         frozenset(each.task.name for each in filling))
 
 
-def smallest_singular_value(J: Array) -> float:
-    """Return the m-th singular value of J (m, n); 0 if it has fewer."""
-    s = np.linalg.svd(J, compute_uv=False)
-    return float(s[-1]) if 0 < len(s) == len(J) else 0.0
+def smallest_singular_value(J: Array) -> tuple[float, Array]:
+    """Return the m-th singular value of J (m, n), 0 if it has fewer, and its direction (m,)."""
+    U, s, _ = np.linalg.svd(J)
+    return float(s[-1]) if 0 < len(s) == len(J) else 0.0, U[:, -1]
 
 
 def angles_between(J: Array, other: Array) -> Array:
@@ -132,11 +135,16 @@ def _fills(level: Level, joints: slice) -> bool:
 
 
 def _ranks(levels: list[Level], n: int) -> dict[int, tuple[int, int]]:
-    """Return the rank left to each level with a demand, and its rank alone."""
-    solution = Solution(np.zeros(n), levels)
-    return {number: (its.rank, its.rank_alone)
-            for number, (level, its) in enumerate(zip(levels, solution.levels), 1)
-            if level.v is not None}
+    """Return the rank left to each level, and its rank alone."""
+    solution, above, found = Solution(np.zeros(n), levels), np.zeros((0, n)), {}
+    for number, (level, its) in enumerate(zip(levels, solution.levels), 1):
+        if level.v is None:
+            both = np.concatenate([above, level.J])
+            found[number] = len(_row_basis(both)) - len(above), its.rank_alone
+        else:
+            found[number] = its.rank, its.rank_alone
+            above = _row_basis(np.concatenate([above, level.J]))
+    return found
 
 
 def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[float, int]]:
@@ -150,7 +158,7 @@ def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[flo
 
 
 def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Evaluation]],
-            levels: list[Level]) -> dict[str, tuple[bool, bool, float]]:
+            levels: list[Level]) -> dict[str, tuple[bool, bool, float, bool]]:
     """Return `ConfigurationSample.bounds`."""
     if not any(level.v is None for level in levels):
         return {}
@@ -159,11 +167,19 @@ def _bounds(setup: Setup, state: RobotState, evaluations: Sequence[Sequence[Eval
     motion = JointMotion(robot.positions(state.q), np.zeros(robot.n), settings.period)
     solution = settings.solver(robot.n).solve(levels, limits.at(motion, setup.period).settled)
     active = active_bounds(evaluations, solution)
+    fastest = np.minimum(robot.velocity, MAX_NUMBER)
     return {evaluation.task.name: (_is_outside(evaluation),
                                    evaluation.task.name in active,
                                    float(np.mean(evaluation.error != 0.0))
-                                   if len(evaluation.error) else 0.0)
+                                   if len(evaluation.error) else 0.0,
+                                   _may_act(evaluation.level, fastest))
             for group in evaluations for evaluation in group if evaluation.task.bounded}
+
+
+def _may_act(level: Level, fastest: Array) -> bool:
+    """Return whether velocities of at most `fastest` (n,) could bring a row to its bounds."""
+    speed = np.abs(level.J).dot(fastest)
+    return bool(((speed >= level.upper) | (-speed <= level.lower)).any())
 
 
 def _is_outside(evaluation: Evaluation) -> bool:

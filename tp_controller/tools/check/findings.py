@@ -18,10 +18,18 @@ from collections.abc import Iterator, Sequence
 import math
 
 import numpy as np
-from tp_controller.control.gains import gain_faults, gain_remark, OVERSHOOT_STEP
-from tp_controller.control.reasons import SENTENCES
+from tp_controller.control.causes import ACCELERATING
+from tp_controller.control.cycle import TRANSITION
+from tp_controller.control.gains import decay_step, gain_faults, gain_remark, OVERSHOOT_STEP
+from tp_controller.control.joint_limits import VelocityLimit
+from tp_controller.control.units import with_unit
+from tp_controller.tasks.joint import Joint
+from tp_controller.tasks.task import Task
+from tp_controller.tasks.task_errors import out_of_reach
+from tp_controller.tools.check.contradictions import Contradiction
 from tp_controller.tools.check.results import (
     CauseCount,
+    COMBINED,
     DOUBTFUL,
     Finding,
     FINE,
@@ -51,6 +59,18 @@ BUSY_SHARE = 0.5
 NAMES_PER_FINDING = 3
 # Gain times the time in which an error shrinks to a thousandth, about ln 1000 [1].
 DECAY_TIME_CONSTANTS = 7.0
+# Values that look like degrees or millimetres: velocity limits [rad/s or m/s], positions of joints
+# [rad], and tolerances.
+IMPLAUSIBLE_SPEED, IMPLAUSIBLE_ANGLE = 40.0, 4.0 * math.pi
+IMPLAUSIBLE_TOLERANCE = {'m': 0.5, 'rad': 1.0}
+# Gain of a task from which errors of measured positions make up most of the command [1/s].
+IMPLAUSIBLE_GAIN = 100.0
+# Ratio of a weight to the median beyond which a joint might as well not be driven [1].
+IMPLAUSIBLE_WEIGHT = 1e4
+# Kinds of causes by which other tasks limit a task.
+BY_OTHERS = ('task', 'bounds', COMBINED)
+# Causes of a task that gets nearer to its goal.
+ON_ITS_WAY = (STILL_MOVING, ACCELERATING, TRANSITION, VelocityLimit.name)
 
 
 def about_parameters(ignored: Sequence[str]) -> Iterator[Finding]:
@@ -61,7 +81,7 @@ def about_parameters(ignored: Sequence[str]) -> Iterator[Finding]:
 
 
 def about_robot(setup: Setup) -> Iterator[Finding]:
-    """Yield the findings about missing velocity limits, and the remarks of robot and tasks."""
+    """Yield the findings about velocity limits, and the remarks of the robot."""
     robot = setup.robot
     for limit, what, change in (
             (math.inf, 'no velocity limit', 'give it one in the description, or by the parameter '
@@ -75,25 +95,61 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
     for remark in robot.remarks:
         yield Finding(DOUBTFUL, 'remark', robot.name, remark,
                       'replace them by limits, or correct the description')
+
+
+def about_values(setup: Setup) -> Iterator[Finding]:
+    """Yield the findings about numbers that look wrong, and the remarks of tasks."""
+    robot = setup.robot
+    fast = [f'{name} ({limit:g})' for name, limit in zip(robot.velocity_names, robot.velocity)
+            if IMPLAUSIBLE_SPEED < limit < math.inf]
+    if fast:
+        yield Finding(DOUBTFUL, 'units', ', '.join(fast),
+                      f'a velocity limit above {IMPLAUSIBLE_SPEED:g} rad/s or m/s looks like '
+                      'degrees or millimetres', 'give it in rad/s or m/s')
+    weights = np.array(setup.settings.weights or np.ones(robot.n))
+    ratio = np.maximum(weights / np.median(weights), np.median(weights) / weights)
+    far = [name for name, each in zip(robot.velocity_names, ratio) if each > IMPLAUSIBLE_WEIGHT]
+    if far:
+        yield Finding(DOUBTFUL, 'weights', ', '.join(far),
+                      f'its weight differs from the median by a factor of {ratio.max():.0e}',
+                      'weights of 0.01 to 100 are enough; to hold a joint still leave it out of '
+                      'the driven ones')
     for task in setup.stack.tasks.values():
-        for remark in task.remarks:
-            yield Finding(DOUBTFUL, 'remark', task.name, remark,
-                          'say in the stack that it is meant so, if it is')
+        yield from _about_values_of(task)
 
 
-def about_levels(levels: Sequence[LevelResult], filling: frozenset[str]) -> Iterator[Finding]:
+def _about_values_of(task: Task) -> Iterator[Finding]:
+    """Yield the findings about numbers of a task that look wrong, and its remarks."""
+    for _, unit, tolerance in task.groups:
+        if tolerance > IMPLAUSIBLE_TOLERANCE.get(unit, math.inf):
+            yield Finding(DOUBTFUL, 'units', task.name,
+                          f'a tolerance of {with_unit(f"{tolerance:g}", unit)} is reached nearly '
+                          'everywhere', 'give it in metres and radians')
+    if isinstance(task, Joint) and task.goal is not None:
+        angles = np.abs(task.goal)[np.array(task.units) == 'rad']
+        if angles.max(initial=0.0) > IMPLAUSIBLE_ANGLE:
+            yield Finding(DOUBTFUL, 'units', task.name,
+                          f'a goal of {angles.max():g} rad is beyond two turns, and looks like '
+                          'degrees', 'give it in radians')
+    for remark in task.remarks:
+        yield Finding(FINE, 'remark', task.name, remark, '')
+
+
+def about_levels(setup: Setup, levels: Sequence[LevelResult], filling: frozenset[str]
+                 ) -> Iterator[Finding]:
     """Yield the findings about the rank left to levels; `filling` tasks demand every joint."""
     for level in levels:
-        above = _names([task for each in levels if each.number < level.number
-                        for task in each.tasks])
+        above = _names(_demanding(setup, level.number))
+        bounded = all(setup.stack.tasks[name].bounded for name in level.tasks)
+        if bounded and (level.never < 1.0 or not above):
+            continue
         where = f'level {level.number} ({_names(level.tasks)})'
         fills = not filling.isdisjoint(level.tasks)
         if level.never == 1.0 and fills and above:
             yield Finding(
-                DOUBTFUL, 'never acts', where,
+                FINE, 'never acts', where,
                 f'all directions are taken by {above}: it acts only where some of them are '
-                'relaxed near a singularity, or disabled',
-                'leave it out, or leave out axes of a task above that need not be exact')
+                'relaxed near a singularity, or disabled', '')
         elif level.never == 1.0:
             yield Finding(
                 WRONG, 'never acts', where,
@@ -136,6 +192,13 @@ def about_gains(setup: Setup) -> Iterator[Finding]:
         if found and not gain_faults(task, task.gain, setup.settings.period):
             yield Finding(WRONG if found.step >= OVERSHOOT_STEP else DOUBTFUL, 'gain', task.name,
                           found.message, found.change)
+        elif not found and decay_step(task, task.gain, setup.period) is not None \
+                and np.max(task.gain, initial=0.0) > IMPLAUSIBLE_GAIN:
+            gain = np.max(task.gain)
+            yield Finding(DOUBTFUL, 'gain', task.name,
+                          f'a gain of {gain:g}/s turns an error of a milliradian in the measured '
+                          f'positions into {1e-3 * gain:g} rad/s',
+                          'lower it: 1 to 10/s is usual, and reaches a goal in 1 to 5 s')
 
 
 def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[Finding]:
@@ -143,7 +206,11 @@ def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[F
     for task in tasks:
         if task.singular is None or task.smallest is None or task.singular < MAJORITY:
             continue
-        if task.singular == 1.0 and task.smallest < POSITION_ROUNDING:
+        never = task.singular == 1.0 and task.smallest < POSITION_ROUNDING
+        if never and not task.fixed:
+            # A frame that moves on a sphere can go along any axis somewhere.
+            continue
+        if never:
             yield Finding(
                 DOUBTFUL, 'impossible', task.name,
                 'in no sample can the robot move in all of its directions',
@@ -157,24 +224,36 @@ def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[F
                 'small robot lower singular_region and damping')
 
 
-def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
-    """Yield the findings about inequality tasks that cannot be satisfied or that dominate."""
+def about_bounds(setup: Setup, tasks: Sequence[TaskResult], runs: int,
+                 contradictions: Sequence[Contradiction]) -> Iterator[Finding]:
+    """Yield the findings about bounds that contradict each other, never act, or dominate."""
+    explained = {name for each in contradictions for name in (each.task, each.other)}
+    for each in contradictions:
+        yield _about_contradiction(each)
     for task in tasks:
-        if task.outside is None:
+        if task.outside is None or task.name in explained:
             continue
+        others = bool(_demanding(setup, task.level))
         if runs and not task.possible:
+            # Below others bounds may never be satisfied by priority.
             yield Finding(
-                WRONG, 'bounds', task.name,
+                DOUBTFUL if others else WRONG, 'bounds', task.name,
                 'no configuration was found that satisfies it: the robot did not come '
                 f'to within its bounds in any of {runs} runs',
-                'widen its bounds, or put it higher')
-        elif runs and task.possible < MAJORITY * runs:
+                'widen its bounds' + (', or put it higher' if others else ''))
+        elif runs and 0 < task.possible < MAJORITY * runs:
             yield Finding(
                 DOUBTFUL, 'bounds', task.name,
                 f'in {runs - task.possible} of {runs} runs the robot did not come to within its '
                 'bounds before it started', 'widen its bounds, or those of others that contradict '
-                'them; or put it higher')
-        if task.outside > 1.0 - HARDLY_ANY and (task.rows_outside or 0.0) > MAJORITY:
+                'them' + ('; or put it higher' if others else ''))
+        if task.within_reach == 0.0 and not task.active_in_loops:
+            yield Finding(
+                DOUBTFUL, 'never active', task.name,
+                'in none of the samples could joints at their velocity limits bring it to its '
+                'bounds', 'narrow its bounds, if they are meant to matter, or leave it out; '
+                'lengths are in metres, angles in radians')
+        elif task.outside > 1.0 - HARDLY_ANY and (task.rows_outside or 0.0) > MAJORITY:
             yield Finding(
                 DOUBTFUL, 'bounds dominate', task.name,
                 f'{task.outside:.1%} of the samples are outside its bounds', 'widen its bounds')
@@ -185,45 +264,86 @@ def about_bounds(tasks: Sequence[TaskResult], runs: int) -> Iterator[Finding]:
                 'loops', 'widen its bounds')
 
 
-def about_goals(tasks: Sequence[TaskResult], filling: frozenset[str],
-                setup: Setup) -> Iterator[Finding]:
+def _about_contradiction(found: Contradiction) -> Finding:
+    """Return the finding about bounds that no configuration satisfies."""
+    best = f'at best {found.missing} are missing'
+    if not found.other:
+        return Finding(WRONG, 'bounds', found.task,
+                       'no configuration was found that satisfies it, not even without all other '
+                       f'tasks: {best}', 'widen its bounds')
+    return Finding(WRONG, 'contradiction', f'{found.other}, {found.task}',
+                   f'no configuration was found that satisfies both: with {found.other}, {best} '
+                   f'of {found.task}', f'widen the bounds of {found.other} or {found.task}')
+
+
+def about_goals(setup: Setup, tasks: Sequence[TaskResult], runs: int,
+                filling: frozenset[str]) -> Iterator[Finding]:
     """Yield a finding on the reached goals of each task; `filling` tasks demand every joint."""
     for task in tasks:
-        if not task.possible:
-            continue
-        found = f'at its goal in {task.reached} of {task.possible} runs' if task.outside is None \
-            else f'satisfied in the end of {task.reached} of {task.possible} runs'
-        near = f', {task.reached_near} of {task.possible_near} with near goals' \
-            if task.reached < task.possible else ''
-        if task.median_seconds is not None and task.outside is None:
-            near += f', after {task.median_seconds:.1f} s in the median'
-        below = bool(task.causes) and task.causes[0].kind in ('task', 'bounds')
-        slow = '' if below or task.reached == task.possible else _slow_text(task, setup)
-        if not task.reached:
-            # A task below others may never be reached by priority, and few runs prove nothing.
-            sure = task.possible >= ENOUGH_RUNS and not below and not slow \
-                and task.name not in filling
-            severity, kind = WRONG if sure else DOUBTFUL, 'never reached'
-        elif task.possible_near >= ENOUGH_NEAR_RUNS \
-                and task.reached_near < MAJORITY * task.possible_near:
-            severity, kind = DOUBTFUL, 'seldom reached'
-        else:
-            severity, kind = FINE, 'reached'
-        change = '' if severity == FINE else \
-            'raise its gain, or the time of a run' if slow else _remedy(task, setup)
-        yield Finding(severity, kind, task.name,
-                      found + near + (slow or _causes_text(task.causes)), change)
+        own = setup.stack.tasks[task.name]
+        unreachable = out_of_reach(own)
+        if unreachable:
+            yield Finding(WRONG, 'out of reach', task.name, unreachable,
+                          'choose another goal; lengths are in metres')
+        elif task.possible:
+            yield _about_goal(setup, task, filling)
+        elif task.outside is None and own.goal is not None and task.causes \
+                and not _demanding(setup, task.level):
+            moving = task.causes[0].kind == STILL_MOVING
+            yield Finding(DOUBTFUL if moving else WRONG, 'never reached', task.name,
+                          f'no configuration was found at its goal, in any of {runs} runs'
+                          + _causes_text(task.causes),
+                          'raise the time of a run' if moving else
+                          task.hint or 'choose another goal')
 
 
-def _slow_text(task: TaskResult, setup: Setup) -> str:
+def _about_goal(setup: Setup, task: TaskResult, filling: frozenset[str]) -> Finding:
+    """Return the finding about the reached goals of a task that can be at them."""
+    found = f'at its goal in {task.reached} of {task.possible} runs' if task.outside is None \
+        else f'satisfied in the end of {task.reached} of {task.possible} runs'
+    if task.reached < task.possible:
+        found += f', {task.reached_near} of {task.possible_near} with near goals'
+    if task.median_seconds is not None and task.outside is None:
+        found += f', after {task.median_seconds:.1f} s in the median'
+    missed = bool(task.possible_near >= ENOUGH_NEAR_RUNS
+                  and task.reached_near < MAJORITY * task.possible_near)
+    main = task.causes[0].kind if task.causes else ''
+    slow = _slow_text(setup, task) if main in ON_ITS_WAY and (missed or not task.reached) else ''
+    if slow:
+        return Finding(DOUBTFUL, 'slow', task.name, f'{found}; {slow}',
+                       'raise its gain, or the time of a run')
+    if task.name in filling and main in BY_OTHERS:
+        # It takes what the others leave it.
+        severity, kind = FINE, 'reached'
+    elif not task.reached:
+        # A task below others may never be reached by priority, and few runs prove nothing.
+        sure = task.possible >= ENOUGH_RUNS and task.name not in filling \
+            and main not in (*BY_OTHERS, STILL_MOVING, ACCELERATING, TRANSITION)
+        severity, kind = WRONG if sure else DOUBTFUL, 'never reached'
+    elif missed:
+        severity, kind = DOUBTFUL, 'seldom reached'
+    else:
+        severity, kind = FINE, 'reached'
+    return Finding(severity, kind, task.name, found + _causes_text(task.causes),
+                   '' if severity == FINE else _remedy(setup, task))
+
+
+def _demanding(setup: Setup, level: int) -> list[str]:
+    """Return the tasks above a level that demand a velocity."""
+    return [task.name for group in setup.stack.active[:max(level - 1, 0)] for task in group
+            if not task.bounded]
+
+
+def _slow_text(setup: Setup, task: TaskResult) -> str:
     """Return the end of a sentence about a gain too low for the time of a run; mostly empty."""
     if task.gain_period is None:
         return ''
     gain = float(np.min(setup.stack.tasks[task.name].gain))
     if gain * setup.seconds >= DECAY_TIME_CONSTANTS:
         return ''
-    return f'; with a gain of {gain:g}/s an error shrinks to a thousandth in ' \
-           f'{DECAY_TIME_CONSTANTS / gain:.3g} s, and a run has {setup.seconds:g} s'
+    return f'still on its way: a gain of {gain:g}/s needs ' \
+           f'{DECAY_TIME_CONSTANTS / gain:.3g} s for a thousandth of an error, and a run has ' \
+           f'{setup.seconds:g} s'
 
 
 def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding]:
@@ -270,28 +390,31 @@ def about_time(timing: Timing, setup: Setup) -> Iterator[Finding]:
 
 def _causes_text(causes: Sequence[CauseCount]) -> str:
     """Return the most frequent causes as the end of a sentence."""
-    named = [f'{_cause(cause)} ({cause.runs})' for cause in causes[:NAMES_PER_FINDING]]
+    named = [f'{cause.text} ({cause.runs})' for cause in causes[:NAMES_PER_FINDING]]
     return f'; otherwise: {", ".join(named)}' if named else ''
 
 
-def _cause(cause: CauseCount) -> str:
-    """Return a cause in words."""
-    if cause.kind == STILL_MOVING:
-        return 'still on its way'
-    return SENTENCES[cause.kind].format(cause.name) if cause.kind else 'several causes together'
-
-
-def _remedy(task: TaskResult, setup: Setup) -> str:
+def _remedy(setup: Setup, task: TaskResult) -> str:
     """Return the suggested change for the most frequent cause."""
-    first = task.causes[0] if task.causes else CauseCount('', '', 0)
-    if first.kind in ('task', 'bounds'):
-        return f'see what {first.name} leaves it, or put it higher'
+    own = setup.stack.tasks[task.name]
+    doubt = gain_remark(own, own.gain, setup.period)
+    if doubt:
+        return doubt.change
+    first = task.causes[0]
+    if setup.settings.blend > MAJORITY * setup.seconds:
+        return f'lower the setting blend, {setup.settings.blend:g} s, or raise the time of a run'
+    if first.kind == STILL_MOVING:
+        return 'raise its tolerance, or the time of a run'
+    if first.kind == ACCELERATING:
+        return 'raise the acceleration limits, or the time of a run'
+    if task.hint:
+        return task.hint
+    if first.kind in BY_OTHERS:
+        return f'see what {first.name or "the others"} leaves it, and send goals that agree'
     if 'position limit' in first.kind:
         return 'a posture in the middle of the ranges, or joint_limit_distance, leaves more ' \
                'joints free'
-    own = setup.stack.tasks[task.name]
-    doubt = gain_remark(own, own.gain, setup.period)
-    return doubt.change if doubt else 'raise its gain, or the time of a run'
+    return 'raise its tolerance, or the time of a run'
 
 
 def _count(directions: int) -> str:

@@ -16,11 +16,9 @@
 
 from collections.abc import Iterator
 
-from tp_controller.tools.check.results import CheckReport, DOUBTFUL, Finding, SEVERITIES, WRONG
+from tp_controller.tools.check.results import CheckReport, Finding, SEVERITIES
 from tp_controller.tools.check.tables import headline, NAMES, tables
 from tp_controller.tools.html_page import Cell, page, shown, table
-
-TITLES = {WRONG: 'Wrong', DOUBTFUL: 'Doubtful'}
 
 
 def page_of(report: CheckReport) -> str:
@@ -34,7 +32,7 @@ def _body(report: CheckReport) -> Iterator[str]:
     for severity in SEVERITIES:
         found = report.of(severity)
         if found:
-            yield f'<h2>{TITLES.get(severity, "Fine")}</h2><ul>'
+            yield f'<h2>{severity.capitalize()}</h2><ul>'
             yield from map(_finding, found)
             yield '</ul>'
     for title, columns, rows in tables(report):
@@ -44,9 +42,10 @@ def _body(report: CheckReport) -> Iterator[str]:
 
 def _finding(finding: Finding) -> str:
     """Return one finding as an item of a list."""
-    where = f'<b>{shown(finding.where)}</b>: ' if finding.where else ''
+    where = f'<b>{shown(finding.where)}</b>' if finding.where else ''
     change = f'<br><span class="change">→ {shown(finding.change)}</span>' if finding.change else ''
-    return f'<li class="{finding.severity}">{where}{shown(finding.message)}{change}</li>'
+    return f'<li class="{finding.severity}">[{finding.kind}] {where}: ' \
+           f'{shown(finding.message)}{change}</li>'
 
 
 def _cell(column: str, text: str) -> str | Cell:

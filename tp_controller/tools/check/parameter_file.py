@@ -135,8 +135,8 @@ def flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     return found
 
 
-def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: float | None
-         ) -> NodeSetup:
+def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: float | None,
+         joints: Sequence[str] | None = None) -> NodeSetup:
     """
     Return the robot, stack and settings of a node with parameter files.
 
@@ -150,6 +150,8 @@ def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: f
     rate : float or None
         The same [Hz]. If it is 0 in the files, one cycle for each joint state, the rate of the
         simulator is used.
+    joints : sequence of str, optional
+        The parameter of this name, with precedence.
 
     Returns
     -------
@@ -165,7 +167,8 @@ def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: f
                          for name, value in flat(node_parameters(file, node)).items()}
                         for node in (CONTROLLER, SIMULATOR))
     given.update({name: value for name, value in (
-        ('stack', stack), ('base', base), ('rate', rate)) if value})
+        ('stack', stack), ('base', base), ('rate', rate),
+        ('joints', joints and list(joints))) if value})
     if robot:
         given.update(robot=robot, robot_description='')
     refused = [*_drop_refused(given, DECLARED), *_drop_refused(simulated, SIMULATED)]

@@ -14,18 +14,28 @@
 
 """Results of a check: numbers, and findings from them as sentences."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from itertools import chain
 import json
 import math
+import re
 from types import UnionType
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
+from tp_controller.errors import SettingsError, unknown
+
 # Severities of a finding.
-WRONG, DOUBTFUL, FINE = 'wrong', 'doubtful', 'fine'
-SEVERITIES = (WRONG, DOUBTFUL, FINE)
-# Kind of a cause: nothing limited the task when the time of the run was up.
-STILL_MOVING = 'moving'
+WRONG, DOUBTFUL, ACCEPTED, FINE = 'wrong', 'doubtful', 'accepted', 'fine'
+SEVERITIES = (WRONG, DOUBTFUL, ACCEPTED, FINE)
+# Kinds of findings that can be accepted: all but faults of the stack or the program.
+KINDS = ('acts in part', 'bounds', 'bounds dominate', 'contradiction', 'cycle time', 'fight',
+         'gain', 'impossible', 'jump', 'never active', 'never acts', 'never reached',
+         'out of reach', 'parameter', 'remark', 'seldom acts', 'seldom reached', 'singular',
+         'slow', 'units', 'unwatched', 'velocity limit', 'weights')
+# Kinds of causes besides those of a cycle: nothing limited the task when the time of the run was
+# up, several causes did together, or the goal is out of reach.
+STILL_MOVING, COMBINED, UNREACHABLE = 'moving', 'together', 'out of reach'
 # Kinds of extremes of the commands, besides the limits of absolute values.
 POSITION, JUMP = 'position', 'jump'
 
@@ -39,7 +49,7 @@ def _spec(description: str, unit: str = '') -> Any:
 class Finding:
     """One sentence about a stack, with a suggested change."""
 
-    severity: str = _spec('`wrong`, `doubtful` or `fine`')
+    severity: str = _spec('`wrong`, `doubtful`, `accepted` or `fine`')
     kind: str = _spec('subject, as one constant word')
     where: str = _spec('task, level, joint or line; empty for all')
     message: str = _spec('observation')
@@ -48,7 +58,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class LevelResult:
-    """Rank left to a level with a demand by the levels above, over all samples."""
+    """Rank left to a level by the levels above, over the samples in which it has one."""
 
     number: int = _spec('from 1, the highest priority')
     tasks: tuple[str, ...] = _spec('its tasks')
@@ -74,38 +84,39 @@ class PairResult:
 class CauseCount:
     """Number of runs in which a cause limited a task that did not reach its goal."""
 
-    kind: str = _spec('as in the report of a cycle; empty: several causes together; `moving`: '
-                      'nothing limited it when the run ended')
+    kind: str = _spec('as in the report of a cycle, `together`, `out of reach`, `moving` (nothing '
+                      'limited it when the run ended), or empty')
     name: str = _spec('joint or task')
-    runs: int = _spec('number of runs in which it was the largest cause')
+    text: str = _spec('as in the report of a cycle, without numbers')
+    runs: int = _spec('runs in which it was the largest one')
 
 
 @dataclass(frozen=True)
 class TaskResult:
-    """One task, in samples and in closed loops; null if a number does not apply to its type."""
+    """One task; null where a number does not apply to its type."""
 
     name: str = _spec('task')
     # Name of the field in the JSON file.
     type: str = _spec('its type')  # noqa: A003
     level: int = _spec('from 1; 0 where it is disabled')
     gain_period: float | None = _spec('gain times period')
-    singular: float | None = _spec('share of samples in which its smallest singular value is '
-                                   'below the singular region of its level')
+    singular: float | None = _spec('share of samples below the singular region of its level')
+    fixed: bool = _spec('the direction of its smallest singular value is the same in all')
     smallest: float | None = _spec('median of its smallest singular value')
-    outside: float | None = _spec('share of samples in which an inequality task is outside its '
-                                  'bounds')
+    outside: float | None = _spec('share of samples outside its bounds')
     rows_outside: float | None = _spec('mean share of its rows that are outside')
-    active: float | None = _spec('share of samples in which its bounds are active')
-    active_in_loops: float | None = _spec('share of the time of the closed loops in which they '
-                                          'are')
-    possible: int = _spec('runs in which it can be at its goal, or within its bounds, with those '
-                          'of the others')
-    reached: int = _spec('runs of these in which it was in the end')
-    possible_near: int = _spec('runs with goals in the nearer half, of the possible ones')
-    reached_near: int = _spec('runs of these in which it was in the end')
+    active: float | None = _spec('share of samples with active bounds')
+    within_reach: float | None = _spec('share of samples in which velocities within the limits '
+                                       'could make them active')
+    active_in_loops: float | None = _spec('share of the time of the closed loops')
+    possible: int = _spec('runs in which it can be at its goal, with the others at theirs')
+    reached: int = _spec('of these, runs in which it was')
+    possible_near: int = _spec('possible runs with near goals')
+    reached_near: int = _spec('of these, runs in which it was')
     median_seconds: float | None = _spec('median of the time to get there', 's')
     longest_seconds: float | None = _spec('longest time to get there', 's')
     causes: tuple[CauseCount, ...] = _spec('causes of misses, the most frequent one first')
+    hint: str = _spec('most frequent hint of misses; mostly empty')
 
 
 @dataclass(frozen=True)
@@ -122,7 +133,7 @@ class WorstResult:
 
 @dataclass(frozen=True)
 class Timing:
-    """Processor time of a cycle on this machine; not reproducible by the seed."""
+    """Processor time of a cycle on this machine."""
 
     cycles: int = _spec('number of measured cycles')
     median: float = _spec('median', 's')
@@ -142,15 +153,14 @@ class CheckReport:
     robot: str = _spec('name of the robot')
     rate: float = _spec('cycles per second', 'Hz')
     seed: int = _spec('seed of the random configurations')
-    samples: int = _spec('number of sampled configurations')
-    runs: int = _spec('number of closed loops')
-    ended: dict[str, int] = _spec('number of closed loops with the outcome `reached`, `at rest`, '
-                                  '`time is up` and `failed`')
-    findings: tuple[Finding, ...] = _spec('findings from the numbers, the worst first')
-    levels: tuple[LevelResult, ...] = _spec('levels with a demand')
+    samples: int = _spec('sampled configurations')
+    runs: int = _spec('closed loops')
+    ended: dict[str, int] = _spec('closed loops that ended as `reached`, `at rest`, `time is up`, '
+                                  '`failed`')
+    findings: tuple[Finding, ...] = _spec('findings, the worst first')
+    levels: tuple[LevelResult, ...] = _spec('levels')
     tasks: tuple[TaskResult, ...] = _spec('tasks, in order of priority')
-    pairs: tuple[PairResult, ...] = _spec('pairs of tasks that demand something of frames or '
-                                          'some joints')
+    pairs: tuple[PairResult, ...] = _spec('pairs of tasks with a demand')
     worst: tuple[WorstResult, ...] = _spec('extremes of the commands')
     timing: Timing | None = _spec('processor time of a cycle; null if not measured')
 
@@ -166,6 +176,36 @@ class CheckReport:
         """Return the report with more findings."""
         return replace(self, findings=by_severity((*self.findings, *findings)))
 
+    def accepting(self, kinds: Collection[str] = (),
+                  tasks: Mapping[str, Collection[str]] | None = None) -> 'CheckReport':
+        """
+        Return the report with some wrong or doubtful findings as accepted ones.
+
+        Parameters
+        ----------
+        kinds : collection of str
+            Kinds of findings, as a report prints them in brackets.
+        tasks : mapping, optional
+            {task: kinds to accept where it is about this task}.
+
+        Raises
+        ------
+        SettingsError
+            There is no such kind.
+
+        """
+        per_task = tasks or {}
+        check_kinds(chain(kinds, *per_task.values()))
+
+        def accepted(finding: Finding) -> bool:
+            own = (per_task.get(name, ()) for name in re.split('[(), ]+', finding.where))
+            return finding.severity in (WRONG, DOUBTFUL) \
+                and finding.kind in {*kinds, *chain.from_iterable(own)}
+
+        return replace(self, findings=by_severity(
+            replace(each, severity=ACCEPTED) if accepted(each) else each
+            for each in self.findings))
+
     def to_json(self) -> str:
         """Return the report as JSON text."""
         return json.dumps(_plain(self), indent=1, ensure_ascii=False, allow_nan=False) + '\n'
@@ -174,6 +214,13 @@ class CheckReport:
     def from_json(cls, text: str) -> 'CheckReport':
         """Return the report from a text made by `to_json`."""
         return cast(CheckReport, _from_plain(cls, json.loads(text)))
+
+
+def check_kinds(kinds: Iterable[str]) -> None:
+    """Raise `SettingsError` for kinds of findings that do not exist."""
+    faults = [unknown('kind of findings', kind, KINDS) for kind in kinds if kind not in KINDS]
+    if faults:
+        raise SettingsError(faults)
 
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -21,8 +21,9 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, rotation_from_vector
 
 # Half of the range over which a joint without limits is sampled, and by which a base is moved
-# [rad or m].
+# [rad or m]. Limits farther away than so many times that count as none.
 SPAN = {'rad': math.pi, 'm': 1.0}
+MOST_SPANS = 1e3
 
 
 def random_configuration(robot: Robot, random: np.random.Generator, around: Array,
@@ -62,6 +63,8 @@ def random_configuration(robot: Robot, random: np.random.Generator, around: Arra
 def _ranges(lower: Array, upper: Array, units: tuple[str, ...]) -> tuple[Array, Array]:
     """Return the sampling ranges of joints: from, to."""
     span = np.array([SPAN[unit] for unit in units])
+    lower, upper = (np.where(np.abs(limit) < MOST_SPANS * span, limit, np.copysign(np.inf, limit))
+                    for limit in (lower, upper))
     above = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * span,
                                                          -span))
     return above, np.where(np.isfinite(upper), upper, above + 2.0 * span)

@@ -50,6 +50,9 @@ class Setup:
         Longest time of a closed loop [s].
     around : ndarray (nq,)
         Configuration near which a moving base starts.
+    tries : int
+        Largest number of configurations tried until one, as a start or for goals, satisfies the
+        stack.
 
     """
 
@@ -59,6 +62,7 @@ class Setup:
     period: float
     seconds: float
     around: Array
+    tries: int = 3
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ class Plan:
                  {name: (task.gain, {unit: value for _, unit, value in task.groups})
                   for name, task in stack.tasks.items()},
                  {'settings': setup.settings, 'period': setup.period, 'seconds': setup.seconds,
-                  'around': setup.around})
+                  'around': setup.around, 'tries': setup.tries})
         return cls(hashlib.sha256(pickle.dumps(parts)).hexdigest(), *parts)
 
     def build(self) -> Setup:

@@ -51,8 +51,8 @@ def text_of(report: CheckReport) -> str:
             continue
         lines.append(f'{severity}:')
         for finding in found:
-            where = f'{finding.where}: ' if finding.where else ''
-            lines += wrap(where + finding.message, TABLE_COLUMNS, initial_indent='  - ',
+            where = ' '.join(filter(None, (f'[{finding.kind}]', finding.where)))
+            lines += wrap(f'{where}: {finding.message}', TABLE_COLUMNS, initial_indent='  - ',
                           subsequent_indent='    ')
             if finding.change:
                 lines += wrap(ARROW + finding.change, TABLE_COLUMNS, initial_indent='    ',

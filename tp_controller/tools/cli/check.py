@@ -28,6 +28,8 @@ from tp_controller.tools.progress import progress
 
 if TYPE_CHECKING:  # Imported with the first check: the help does not need it.
     from tp_controller.tools.check import CheckReport
+# Time of a check from which an estimate is printed [s].
+WORTH_AN_ESTIMATE = 2.0
 EXAMPLES = """\
 examples:
   tp_controller check stack.yaml --robot robot.urdf --rate 200
@@ -54,6 +56,9 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
                         help='the parameter file of the node: stack, limits, settings, rate; of '
                         'several, as of the node, the last one that gives a parameter counts')
+    parser.add_argument('--joints', nargs='+', metavar='JOINT',
+                        help='the joints that are driven (default: as in the parameter file, else '
+                        'all that move)')
     parser.add_argument('--rate', type=positive_number, metavar='HZ',
                         help='cycles per second (default: as in the parameter file, else 100)')
     parser.add_argument('--samples', type=_count, default=300, metavar='N',
@@ -71,6 +76,9 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--html', type=Path, metavar='FILE', help='write one page')
     parser.add_argument('--strict', action='store_true',
                         help='end with status 1 if something is doubtful, too')
+    parser.add_argument('--accept', metavar='KIND', action='append', default=[],
+                        help='a kind of findings that is meant to be so; several times for '
+                        'several kinds (for one task: its key accept)')
 
 
 def run_check(options: argparse.Namespace) -> int:
@@ -120,11 +128,13 @@ def _report(options: argparse.Namespace) -> 'CheckReport':
     from tp_controller.tools.check.checker import check, refused
     from tp_controller.tools.check.findings import about_parameters
     from tp_controller.tools.check.parameter_file import read, Refused
+    from tp_controller.tools.check.results import check_kinds
     if options.base and options.base not in BASES:
         raise SettingsError([unknown('base', options.base, BASES)])
+    check_kinds(options.accept)
     try:
         given = read(options.params_file, options.stack, options.robot, options.base,
-                     options.rate)
+                     options.rate, options.joints)
     except Refused as error:
         if error.missing_file:
             raise
@@ -132,8 +142,17 @@ def _report(options: argparse.Namespace) -> 'CheckReport':
     report = check(given.robot, given.stack, given.settings, period=given.period,
                    samples=options.samples, runs=options.runs, seconds=options.seconds,
                    seed=options.seed, jobs=options.jobs, around=given.around,
-                   progress=progress)
-    return report.adding(about_parameters(given.ignored))
+                   progress=progress, expecting=_print_time)
+    return report.adding(about_parameters(given.ignored)).accepting(options.accept)
+
+
+def _print_time(seconds: float) -> None:
+    """Print the time that a check will take, unless it is over at once."""
+    if seconds < WORTH_AN_ESTIMATE:
+        return
+    print(f'this takes about {seconds:.0f} s' if seconds < 100.0 else
+          f'this takes about {seconds / 60.0:.0f} min: fewer --runs, --samples, or more --jobs '
+          'make it shorter', file=sys.stderr)
 
 
 def _refuse(message: str) -> int:
