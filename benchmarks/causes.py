@@ -120,7 +120,6 @@ CASES = {
 LIMITS = {
     'velocity limit': ('velocity', 1e6), 'upper position limit': ('upper', 1e4),
     'lower position limit': ('lower', -1e4)}
-TRANSIENT = 'acceleration limit', 'accelerating'
 
 
 @dataclass
@@ -279,10 +278,10 @@ def compare(scene: Scene, title: str, findings: Findings) -> None:
         accelerated = scene.missing(velocity)
         for task in limited:
             name = task.name
-            _count(title, name, ('accelerating', ''),
+            cause = 'accelerating', ''
+            _count(title, name, cause,
                    (now[name] - accelerated[name]) / max(now[name], lasting[name]),
-                   sum(share for (kind, _), share in named[name].items() if kind in TRANSIENT),
-                   findings)
+                   named[name].get(cause, 0.0), findings)
 
 
 def _count(title: str, task: str, cause: tuple[str, str], share: float, given: float,

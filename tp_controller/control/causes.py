@@ -22,7 +22,6 @@ causes, too. Those of the rest are found in the cycle that lasts
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -61,13 +60,12 @@ class Cause(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``velocity limit``, ``lower position limit``, ``upper position limit``,
-        ``acceleration limit`` or ``reserve`` of a joint; ``task`` or ``bounds``: another task
-        that takes the directions, or whose bounds block it; ``singularity``: a direction in
-        which the robot can hardly move here; ``impossible``: one in which it cannot move;
-        ``damping``; ``curvature``: damping that keeps the robot from oscillating;
-        ``accelerating``: several joints that are about to move faster; ``transition``: a change
-        that is still being blended in.
+        ``velocity limit``, ``lower position limit``, ``upper position limit`` or ``reserve`` of
+        a joint; ``task`` or ``bounds``: another task that takes the directions, or whose bounds
+        block it; ``singularity``: a direction in which the robot can hardly move here;
+        ``impossible``: one in which it cannot move; ``damping``; ``curvature``: damping that
+        keeps the robot from oscillating; ``accelerating``: joints that are about to move faster;
+        ``transition``: a change that is still being blended in.
     name : str
         Joint or task; else empty.
     share : float
@@ -234,30 +232,14 @@ class Causes:
                  ) -> Iterator[tuple[str, str, float]]:
         """Yield the candidates that disappear by themselves, one after the other."""
         variants = self.variants
+        unblended = missing(level, variants.unblended)
         if self._outcome.override == TRANSITION:
-            unblended = missing(level, variants.unblended)
             yield TRANSITION, '', now - unblended
-            now = unblended
         accelerated = missing(level, variants.accelerated)
-        if self._accelerating is not None:
-            yield (*self._accelerating, now - accelerated)
+        yield ACCELERATING, '', unblended - accelerated
         if variants.remembers:
             # Curvature that is about to be forgotten, and that of the cycle that lasts.
             yield CURVED, '', accelerated - min(missing(level, variants.straight), lasting)
-
-    @cached_property
-    def _accelerating(self) -> tuple[str, str] | None:
-        """Return (kind, name) of the transient limits as a cause; None if none is active."""
-        variants = self.variants
-        if np.abs(variants.accelerated - variants.unblended).max(initial=0.0) <= SAME_VELOCITY:
-            return None
-        transient = {limit.name for limit in LIMITS if limit.transient}
-        active = [(limit, joint) for joint, limits in _at_bounds(
-            self._cycle.bounds, self._outcome.velocity) for limit in limits if limit in transient]
-        if len(active) != 1:
-            return ACCELERATING, ''
-        (limit, joint), = active
-        return limit, self._robot.velocity_names[joint]
 
     def kind_and_name(self, cause: Removable) -> tuple[str, str]:
         """Return the kind and name of a task or limit as a cause."""
@@ -265,6 +247,19 @@ class Causes:
             # Coinciding limits count as one, named after the first.
             return cause.limits[0], self._robot.velocity_names[cause.joint]
         return BOUNDS if cause.task.bounded else TASK, cause.task.name
+
+    def is_ahead(self, kind: str, name: str) -> bool:
+        """Return whether a joint is not at a limit yet, and is in the cycle that lasts."""
+        joint, bounds = self._robot.velocity_names.index(name), self.variants.cycle.bounds
+        now, later = (any(each.joint == joint and kind in each.limits
+                          for each in _at_bounds(bounds, velocity)) for velocity in (
+                              self._outcome.velocity, self.variants.lasting.velocity))
+        return later and not now
+
+    def slows_all(self, evaluation: Evaluation, name: str) -> bool:
+        """Return whether a joint that does not move a task scales the whole command."""
+        joint = self._robot.velocity_names.index(name)
+        return self.variants.lasting.slowed < 1.0 and not evaluation.level.J[:, joint].any()
 
     @property
     def acceleration_time(self) -> float:

@@ -57,6 +57,8 @@ HINTS = {
     TRANSITION: 'wait, or lower the setting blend',
     ACCELERATING: 'wait {time} s',
 }
+# Kinds of causes that disappear by themselves.
+PASSING = frozenset((TRANSITION, ACCELERATING))
 # Kinds of causes that are limits of a joint and last.
 LASTING_LIMITS = frozenset(limit.name for limit in LIMITS if not limit.transient)
 # Kinds of causes that a gain too high for the period leads to.
@@ -77,7 +79,8 @@ def hint_of(evaluation: Evaluation, found: Sequence[Cause], combined: Combined,
     names = combined()
     if len(names) > 1:
         return _for_all(evaluation, names)
-    for cause in found:
+    # Where more than the joints' acceleration limits the task, waiting is not enough.
+    for cause in sorted(found, key=lambda each: each.kind in PASSING):
         hint = _hint(evaluation, cause, causes)
         if hint:
             return hint

@@ -86,8 +86,8 @@ class JointLimit(ABC):
     key : str
         Key of its values, and of their unit, among the limits of a robot.
     sentence, hint : str
-        Reason why it limits a task, and suggested change: {} is the joint, {name} one or more
-        joints, {s} the plural, and {time} the time until the joints have accelerated [s].
+        Reason why it limits the command, and suggested change: {} is the joint, {name} one or
+        more joints, and {s} the plural. One that is transient has no hint.
     transient : bool
         Whether it limits the change of the velocity: it excludes velocities from this cycle only.
         Such a limit takes precedence over the others.
@@ -101,7 +101,7 @@ class JointLimit(ABC):
     name: ClassVar[str]
     key: ClassVar[str]
     sentence: ClassVar[str]
-    hint: ClassVar[str]
+    hint: ClassVar[str] = ''
     transient: ClassVar[bool] = False
     caused_by_gain: ClassVar[bool] = True
     compiled: ClassVar[bool] = False
@@ -236,7 +236,6 @@ class AccelerationLimit(JointLimit):
 
     name, key = 'acceleration limit', 'acceleration'
     sentence = '{} at its acceleration limit'
-    hint = 'wait {time} s'
     transient = compiled = True
 
     def __init__(self, limits: Mapping[str, Array], period: float, gain: float) -> None:

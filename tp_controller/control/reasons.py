@@ -106,7 +106,7 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
                              for value, unit, tolerance in errors if value > tolerance)
         yield Statement(f'{OUT_OF_REACH} by {distance}', (OUT_OF_REACH,))
     elif names := combined():
-        yield Statement(_combined(names), tuple([phrase(*each) for each in names]))
+        yield Statement(_combined(names, causes), tuple([phrase(*each) for each in names]))
     elif found:
         sentences = _sentences(evaluation, found, causes)
         for index, cause in enumerate(found):
@@ -148,23 +148,37 @@ def _sentences(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
-    """Return the sentence for a cause, with the blocking rows of a task that has several."""
+    """Return the sentence for a cause, with what it does not say by itself."""
     rows = causes.blocking_rows(evaluation, cause.name) if cause.kind == BOUNDS else []
-    named = f' ({", ".join(rows[:NAMES_PER_REASON])})' if rows else ''
-    return phrase(cause.kind, cause.name) + named
+    remark = f' ({", ".join(rows[:NAMES_PER_REASON])})' if rows else ''
+    if cause.kind in LIMIT_KINDS and causes.slows_all(evaluation, cause.name):
+        remark = ', which slows all tasks'
+    return _alone(cause.kind, cause.name, causes) + remark
 
 
-def _combined(causes: Sequence[tuple[str, str]]) -> str:
+def _alone(kind: str, name: str, causes: Causes) -> str:
+    """Return the sentence for one cause."""
+    return phrase(kind, name + _soon([(kind, name)], causes))
+
+
+def _soon(limits: Sequence[tuple[str, str]], causes: Causes) -> str:
+    """Return a word for limits that the joints are about to reach; mostly empty."""
+    return ' soon' * any(kind in LIMIT_KINDS and causes.is_ahead(kind, name)
+                         for kind, name in limits)
+
+
+def _combined(found: Sequence[tuple[str, str]], causes: Causes) -> str:
     """Return the sentence for causes that limit a task together."""
-    if len(causes) == 1:
-        return phrase(*causes[0])
-    kind = causes[0][0]
-    if kind in LIMIT_KINDS and all(other == kind for other, _ in causes):
+    if len(found) == 1:
+        return _alone(*found[0], causes)
+    kind = found[0][0]
+    if kind in LIMIT_KINDS and all(other == kind for other, _ in found):
         # Their shares are much alike: in the order of the largest they would change places.
-        return f'{listed(sorted(name for _, name in causes))} at their {kind}s'
-    names = [name if kind == TASK else f'the {kind} of {name}' for kind, name in causes]
-    named = {kind for kind, _ in causes[:NAMES_PER_REASON]}
-    kinds = Counter([kind for kind, _ in causes[NAMES_PER_REASON:]])
+        several = listed(sorted(name for _, name in found))
+        return f'{several}{_soon(found, causes)} at their {kind}s'
+    names = [name if kind == TASK else f'the {kind} of {name}' for kind, name in found]
+    named = {kind for kind, _ in found[:NAMES_PER_REASON]}
+    kinds = Counter([kind for kind, _ in found[NAMES_PER_REASON:]])
     more = [f'{count} {"more " if kind in named else ""}'
             f'{kind if count == 1 or kind == BOUNDS else kind + "s"}'
             for kind, count in kinds.items()]

@@ -206,31 +206,10 @@ class Causes {
   // The candidates that disappear by themselves, one after the other.
   void consider_passing(const Level &level, double now, double lasting) {
     const double accelerated = missing(level, variants_.accelerated());
-    if (variants_.accelerates()) {
-      const ActiveLimits only = transient_limit();
-      add_cause(only.joint < 0 ? int(ACCELERATING) : first_of(only.limits), only.joint,
-                now - accelerated);
-    }
+    add_cause(ACCELERATING, -1, now - accelerated);
     if (variants_.remembers())
       add_cause(CURVED, -1,
                 accelerated - std::min(missing(level, variants_.straight()), lasting));
-  }
-
-  // The only transient limit at which a joint is; joint −1 where there are none or several.
-  ActiveLimits transient_limit() const {
-    ActiveLimits found = {-1, 0};
-    int count = 0;
-    for (bool up : {true, false})
-      for (int j = 0; j < n_; ++j) {
-        const double bound = (up ? cycle_.upper : cycle_.lower)[j];
-        if (std::fabs(cycle_.x[j] - bound) > SAME_VELOCITY) continue;
-        const unsigned its = TRANSIENT & limits_.holding(cycle_.motion, cycle_.gain, size_t(j), up,
-                                                         bound, 0);
-        if (!its) continue;
-        found = {j, its};
-        ++count;
-      }
-    return count == 1 ? found : ActiveLimits{-1, 0};
   }
 
   // Whether a level, or one above it, is damped or relaxed.

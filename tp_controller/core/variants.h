@@ -118,14 +118,6 @@ class Variants {
                        [](double h) { return h != 0.0; });
   }
 
-  // Whether the command is another one without transient limits.
-  bool accelerates() const {
-    double most = 0.0;
-    for (int j = 0; j < solver_.n(); ++j)
-      most = std::max(most, std::fabs(accelerated_[j] - cycle_.x[j]));
-    return most > SAME_VELOCITY;
-  }
-
   const double *straight() {
     if (straight_) return straight_;
     double *found = arena().take(solver_.n());

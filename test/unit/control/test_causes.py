@@ -205,11 +205,11 @@ def test_report_names_the_reserve_where_that_slows_the_command():
         'slide_x at its velocity limit minus the reserve for the first level')
 
 
-def test_acceleration_limit_is_a_cause_until_the_joint_is_fast():
+def test_accelerating_is_a_cause_until_the_joint_is_fast():
     robot = cartesian({'slide_x': {'acceleration': 10.0}})
     task = first_report(robot, '- j: {type: joint, joints: slide_x, target: [0.9]}',
                         [0.0, 0.0, 0.0])['j']
-    assert kinds(task) == [('acceleration limit', 'slide_x', 1.0)]
+    assert kinds(task) == [('accelerating', '', 1.0)]
     # From 0.1 to 0.9 m/s at 10 m/s².
     assert task.hint == 'wait 0.08 s'
 
@@ -222,8 +222,32 @@ def test_joints_that_accelerate_are_one_cause_and_what_is_missing_then_another()
     now = np.hypot(1.5 - 0.01, 0.5 - 0.01)
     assert kinds(task) == [('accelerating', '', 1.0 - 0.5 / now),
                            ('velocity limit', 'slide_x', 0.5 / now)]
-    assert task.reason == 'accelerating; slide_x at its velocity limit'
-    assert task.hint == 'wait 1 s'
+    assert task.reason == 'accelerating; slide_x soon at its velocity limit'
+    # Waiting until it has accelerated is not enough.
+    assert task.hint == 'wait 1 s, or raise the velocity limit of slide_x'
+
+
+def test_a_joint_that_has_accelerated_is_at_its_limit_and_no_longer_soon():
+    robot = cartesian({'slide_x': {'acceleration': 10.0}})
+    controller = Controller(robot, Stack.from_yaml(
+        '- j: {type: joint, joints: slide_x, target: [2.0]}', robot),
+        Settings(period=0.01, command_delay=0))
+    reasons = [controller.update([0.0, 0.0, 0.0], 0.01 * cycle).report.tasks[0].reason
+               for cycle in range(20)]
+    assert reasons[0] == 'slide_x soon at its velocity limit; accelerating'
+    assert reasons[-1] == 'slide_x at its velocity limit'
+
+
+def test_a_joint_that_slows_tasks_that_it_does_not_move_is_told_apart():
+    stack = """
+- x: {type: joint, joints: slide_x, target: [2.0]}
+- y: {type: joint, joints: slide_y, target: [0.5]}
+"""
+    tasks = first_report(cartesian(), stack, [0.0, 0.0, 0.0], settings=Settings(
+        scaling='uniform'))
+    assert tasks['x'].reason == 'slide_x at its velocity limit'
+    assert tasks['y'].reason == (
+        'slide_x at its velocity limit, which slows all tasks; blocked by x')
 
 
 def test_bounds_of_a_task_are_named():

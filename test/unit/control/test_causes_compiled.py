@@ -115,7 +115,7 @@ def test_causes_at_limits_are_those_of_the_reference(name, settings):
 
 @pytest.mark.parametrize('attribute, value, kind', [
     ('acceleration', np.full(7, 0.5), 'accelerating'),
-    ('acceleration', np.array([0.5, *[np.inf] * 6]), 'acceleration limit'),
+    ('acceleration', np.array([0.5, *[np.inf] * 6]), 'accelerating'),
     ('upper', READY, 'upper position limit'), ('lower', READY, 'lower position limit')])
 def test_each_limit_is_a_cause_with_its_own_name(attribute, value, kind):
     robot = copy(robots.panda())
