@@ -22,11 +22,17 @@ causes, too. Those of the rest are found in the cycle that lasts
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
-from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
+from tp_controller.control.error_minimum import (
+    is_at_minimum,
+    is_reached_after,
+    Place,
+    SIGNIFICANT_SHARE,
+)
 from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.variants import ActiveLimits, Removable, Variants
 from tp_controller.control.velocity_limits import RESERVE, SAME_VELOCITY, VelocityBounds
@@ -124,6 +130,14 @@ class Causes:
         return missing(level, self._outcome.velocity) > max(
             DEMAND_ROUNDING * evaluation.task.row_scale, SIGNIFICANT_SHARE * demand)
 
+    def loss(self, evaluation: Evaluation) -> float:
+        """Return the share of its demand that a task misses, now or in the cycle that lasts."""
+        level = evaluation.level
+        most = max(missing(level, self._outcome.velocity),
+                   missing(level, self.variants.lasting.velocity))
+        demand = 0.0 if level.v is None else norm(level.v)
+        return most / demand if demand > 0.0 else math.inf
+
     def is_out_of_reach(self, evaluation: Evaluation) -> bool:
         """
         Return whether no small motion of the robot reduces the error of a task.
@@ -138,6 +152,10 @@ class Causes:
                 and norm(level.J.dot(self._outcome.velocity)) <= SIGNIFICANT_SHARE * norm(level.v)
                 and is_at_minimum(evaluation, self._robot, self._place))
         return self._out_of_reach[name]
+
+    def is_reached_after(self, name: str, motion: Array) -> bool:
+        """Return whether a task by name would be at its goal after a motion (n,)."""
+        return is_reached_after(self.variants.evaluation(name), motion, self._robot, self._place)
 
     def shares_level(self, evaluation: Evaluation, name: str) -> bool:
         """Return whether a task is on the same level as another one."""
@@ -256,10 +274,10 @@ class Causes:
                               self._outcome.velocity, self.variants.lasting.velocity))
         return later and not now
 
-    def slows_all(self, evaluation: Evaluation, name: str) -> bool:
-        """Return whether a joint that does not move a task scales the whole command."""
-        joint = self._robot.velocity_names.index(name)
-        return self.variants.lasting.slowed < 1.0 and not evaluation.level.J[:, joint].any()
+    @property
+    def slows_all(self) -> bool:
+        """Return whether joints at their limits scale the whole command."""
+        return self.variants.lasting.slowed < 1.0
 
     @property
     def acceleration_time(self) -> float:

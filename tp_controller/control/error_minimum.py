@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Minima of the error of a task: no small motion of the robot reduces it."""
+"""Errors of a task at other configurations of the robot than the present one."""
 
 from typing import NamedTuple
 
@@ -59,6 +59,33 @@ def is_at_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
             return _is_minimum(evaluation, robot, place)
     except Exception:
         # A task type of another package may raise any exception.
+        return False
+
+
+def is_reached_after(evaluation: Evaluation, motion: Array, robot: Robot, place: Place) -> bool:
+    """
+    Return whether a task with a demand is at its goal after a motion; False if it fails.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Present evaluation of the task.
+    motion : ndarray (n,)
+        Change of the positions [rad or m].
+    robot : Robot
+        Robot of the task.
+    place : Place
+        Present configuration.
+
+    """
+    task, (q, passive, now, state) = evaluation.task.probe(), place
+    try:
+        with foreign:
+            state.update(robot.integrate(q, motion, 1.0), passive)
+            there = task.evaluate(state, now)
+            errors = task.reported_errors(there.error, there.level.v)
+            return all(value <= tolerance for value, _, tolerance in errors)
+    except Exception:
         return False
 
 

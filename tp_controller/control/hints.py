@@ -39,10 +39,17 @@ from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_re
 from tp_controller.control.variants import Removable
 from tp_controller.control.velocity_limits import RESERVE
 from tp_controller.model.spatial import Array
+from tp_controller.tasks.joint import Joint
 from tp_controller.tasks.task import Evaluation, norm
 
 # Share of what is missing that a change has to bring back.
 HELPFUL_SHARE = 0.2
+# Share of its demand that a task misses at least where advice is of use.
+NOTABLE_LOSS = 0.1
+# Advice for a posture at which the tasks that block it are at their goals, too.
+ANOTHER_WAY = 'the goals are compatible: go there by way of another posture'
+# Advice where one joint at a limit stops all.
+REDISTRIBUTE = 'set scaling to redistribute'
 # Share of a demand below which a task makes no progress that is worth waiting for.
 SLOW_SHARE = 0.05
 # {kind: suggested change, if there is one}, with placeholders for joints or a task, the plural of
@@ -76,18 +83,31 @@ def hint_of(evaluation: Evaluation, found: Sequence[Cause], combined: Combined,
         doubt = gain_remark(evaluation.task, evaluation.task.gain, causes.period)
         if doubt:
             return doubt.change
+    if causes.loss(evaluation) < NOTABLE_LOSS:
+        return ''
+    if _redistribution_helps(evaluation, causes):
+        return REDISTRIBUTE
     names = combined()
     if len(names) > 1:
-        return _for_all(evaluation, names)
+        return _for_all(evaluation, names, causes)
     # Where more than the joints' acceleration limits the task, waiting is not enough.
     for cause in sorted(found, key=lambda each: each.kind in PASSING):
         hint = _hint(evaluation, cause, causes)
         if hint:
             return hint
-    blocking = next((cause.name for cause in found
-                     if cause.kind == TASK and cause.share >= HELPFUL_SHARE), '')
-    return blocking and f'choose goals of {blocking} and {evaluation.task.name} that are ' \
-        'compatible'
+    blocking = [cause.name for cause in found
+                if cause.kind == TASK and cause.share >= HELPFUL_SHARE]
+    return _for_goals(evaluation, blocking, causes) if blocking else ''
+
+
+def _for_goals(evaluation: Evaluation, blocking: Sequence[str], causes: Causes) -> str:
+    """Return the change of the goals of a task and of others that block it."""
+    task = evaluation.task
+    if isinstance(task, Joint) and task.every_joint and all(
+            causes.is_reached_after(name, evaluation.error) for name in blocking):
+        speed = _speed_to_goal(evaluation, causes.variants.lasting.velocity)
+        return '' if speed > SLOW_SHARE * norm(evaluation.level.v) else ANOTHER_WAY
+    return f'choose goals of {listed([*blocking, task.name])} that are compatible'
 
 
 def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
@@ -102,6 +122,15 @@ def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
         return ''
     time = _one_digit(causes.acceleration_time)
     return HINTS.get(cause.kind, '').format(name=cause.name, s='', time=time)
+
+
+def _redistribution_helps(evaluation: Evaluation, causes: Causes) -> bool:
+    """Return whether a limit that hardly lets the robot move would leave a task more otherwise."""
+    level, variants = evaluation.level, causes.variants
+    if variants.lasting.slowed > SLOW_SHARE or variants.redistributed is None:
+        return False
+    now = missing(level, variants.lasting.velocity)
+    return now - missing(level, variants.redistributed) >= HELPFUL_SHARE * now
 
 
 def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
@@ -132,8 +161,14 @@ def _time_to_goal(evaluation: Evaluation, velocity: Array) -> float:
     level, error = evaluation.level, evaluation.error
     if level.v is None or not error.any():
         return math.inf
-    speed = float(level.v.dot(level.J.dot(velocity))) / norm(level.v)
+    speed = _speed_to_goal(evaluation, velocity)
     return norm(error) / speed if speed > SLOW_SHARE * norm(level.v) else math.inf
+
+
+def _speed_to_goal(evaluation: Evaluation, velocity: Array) -> float:
+    """Return the part along its demand of the velocity of a task that has one [unit/s]."""
+    level = evaluation.level
+    return float(level.v.dot(level.J.dot(velocity))) / norm(level.v)
 
 
 def _for_task(evaluation: Evaluation, name: str, causes: Causes) -> str:
@@ -174,14 +209,14 @@ def _leaves_joints(evaluation: Evaluation) -> bool:
     return bool(np.linalg.matrix_rank(evaluation.level.J) < evaluation.level.J.shape[1])
 
 
-def _for_all(evaluation: Evaluation, blocking: Sequence[tuple[str, str]]) -> str:
+def _for_all(evaluation: Evaluation, blocking: Sequence[tuple[str, str]], causes: Causes) -> str:
     """Return the changes of all that blocks a task together."""
     own, changes = evaluation.task.name, []
     tasks = [name for kind, name in blocking if kind == TASK]
     if tasks:
         changes.append(f'put {own} above {listed(tasks)}' if _leaves_joints(evaluation) else
-                       f'choose goals of {listed([*tasks, own])} that are compatible')
+                       _for_goals(evaluation, tasks, causes))
     for kind in dict.fromkeys(kind for kind, _ in blocking if kind != TASK):
         names = [name for each, name in blocking if each == kind]
         changes.append(HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1)))
-    return ', and '.join(changes)
+    return ', and '.join(filter(None, changes))

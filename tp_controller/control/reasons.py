@@ -151,7 +151,7 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
     """Return the sentence for a cause, with what it does not say by itself."""
     rows = causes.blocking_rows(evaluation, cause.name) if cause.kind == BOUNDS else []
     remark = f' ({", ".join(rows[:NAMES_PER_REASON])})' if rows else ''
-    if cause.kind in LIMIT_KINDS and causes.slows_all(evaluation, cause.name):
+    if cause.kind in LIMIT_KINDS and causes.slows_all:
         remark = ', which slows all tasks'
     return _alone(cause.kind, cause.name, causes) + remark
 

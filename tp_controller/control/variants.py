@@ -23,6 +23,7 @@ from tp_controller.control.cycle import Cycle
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Bounds, Memory, Solution
+from tp_controller.solver.solve import PrioritySolver
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
 
@@ -112,6 +113,18 @@ class Variants:
     def undamped(self) -> Array:
         """Return the velocities (n,) without damping."""
         return self._velocity(self.cycle._replace(solver=self.cycle.solver.undamped))
+
+    @cached_property
+    def redistributed(self) -> Array | None:
+        """Return the velocities (n,) with scaling `redistribute`; None if that is not possible."""
+        solver, levels = self.cycle.solver, self.cycle.levels
+        # Below a level with bounds, mode `scale` is refused.
+        refused = any(level.v is None for level in levels) and any(
+            level.mode == 'scale' for level in levels)
+        if refused or not isinstance(solver, PrioritySolver):
+            return None
+        return self._velocity(self.cycle._replace(
+            solver=replace(solver, scaling='redistribute')))
 
     def without(self, removed: Sequence[Removable]) -> Array:
         """Return the velocities (n,) without some tasks and limits."""

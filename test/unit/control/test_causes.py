@@ -238,14 +238,14 @@ def test_a_joint_that_has_accelerated_is_at_its_limit_and_no_longer_soon():
     assert reasons[-1] == 'slide_x at its velocity limit'
 
 
-def test_a_joint_that_slows_tasks_that_it_does_not_move_is_told_apart():
+def test_with_uniform_scaling_a_limit_slows_all_tasks():
     stack = """
 - x: {type: joint, joints: slide_x, target: [2.0]}
 - y: {type: joint, joints: slide_y, target: [0.5]}
 """
     tasks = first_report(cartesian(), stack, [0.0, 0.0, 0.0], settings=Settings(
         scaling='uniform'))
-    assert tasks['x'].reason == 'slide_x at its velocity limit'
+    assert tasks['x'].reason == 'slide_x at its velocity limit, which slows all tasks'
     assert tasks['y'].reason == (
         'slide_x at its velocity limit, which slows all tasks; blocked by x')
 

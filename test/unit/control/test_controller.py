@@ -531,7 +531,8 @@ def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which(scaling):
     controller.update(READY, 0.0)
     controller.set_goal('m', [0.0, 0.0, -4.35, 0.0, 1.0, 0.0, 0.0], 0.0)
     task = report_of(controller, 'm')
-    assert task.reason == 'panda_joint3 at its velocity limit'
+    assert task.reason == 'panda_joint3 at its velocity limit' + {
+        'uniform': ', which slows all tasks', 'redistribute': ''}[scaling]
     assert task.hint == 'raise the velocity limit of panda_joint3'
     cause, = task.causes
     assert (cause.kind, cause.name) == ('velocity limit', 'panda_joint3')

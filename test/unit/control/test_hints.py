@@ -15,6 +15,7 @@
 """Hints: given where the change that they suggest brings back enough, and as few as needed."""
 
 import pytest
+import robots
 from robots import cartesian
 from tp_controller import Controller, Settings, Stack
 
@@ -65,6 +66,39 @@ def test_task_that_leaves_no_joint_to_others_is_exchanged_with_none():
 - rest: {type: posture, target: [0.5, 0.0, 0.0]}
 """)
     assert found['rest'] == 'choose goals of tool and rest that are compatible'
+
+
+def test_where_one_joint_at_a_limit_stops_all_another_scaling_is_advised():
+    stack = """
+- x: {type: position, frame: z, axes: x}
+- y: {type: joint, joints: slide_y, target: [0.5]}
+"""
+    for scaling, hint in ('uniform', 'set scaling to redistribute'), ('redistribute', ''):
+        assert hints(stack, (2.0, 0.0, 0.0), {'x': [2.5, 0.0, 0.0]}, settings=Settings(
+            scaling=scaling, blend=0.0))['y'] == hint
+
+
+def test_goals_that_are_compatible_are_not_called_incompatible():
+    stack, q = """
+- tool: {type: position, frame: panda_hand_tcp}
+- elbow: {type: orientation, frame: panda_link5}
+- rest: {type: posture, target: [2.0, 1.0, -2.0, -1.0, 2.0, 3.0, 2.0]}
+""", (-0.5, 0.2, -2.4, -0.7, 0.2, 0.8, 1.4)
+    robot = robots.panda()
+    there = robot.state([2.0, 1.0, -2.0, -1.0, 2.0, 3.0, 2.0])
+    tasks = Stack.from_yaml(stack, robot).tasks
+    goals = {name: tasks[name].value(there) for name in ('tool', 'elbow')}
+    assert hints(stack, q, goals, robot)['rest'] == (
+        'the goals are compatible: go there by way of another posture')
+    assert hints(stack, q, {**goals, 'tool': goals['tool'] + 0.1}, robot)['rest'] == (
+        'choose goals of tool and rest that are compatible')
+
+
+def test_a_task_that_misses_little_gets_no_advice():
+    found = {limit: hints('- tool: {type: position, frame: z}', goals={'tool': [limit, 0.0, 0.1]})
+             for limit in (1.08, 1.3)}
+    assert found == {1.08: {'tool': ''},
+                     1.3: {'tool': 'wait 1 s, or raise the velocity limit of slide_x'}}
 
 
 def test_what_blocks_together_is_changed_together():
