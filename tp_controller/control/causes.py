@@ -274,6 +274,14 @@ class Causes:
                               self._outcome.velocity, self.variants.lasting.velocity))
         return later and not now
 
+    def time_to_position_limit(self, name: str) -> float:
+        """Return the time for which a joint can move as in the cycle that lasts [s]."""
+        robot, joint = self._robot, self._robot.velocity_names.index(name)
+        speed = float(self.variants.lasting.velocity[joint])
+        position = float(robot.positions(self._place.q)[joint])
+        room = float((robot.upper if speed > 0.0 else robot.lower)[joint]) - position
+        return room / speed if speed else math.inf
+
     @property
     def slows_all(self) -> bool:
         """Return whether joints at their limits scale the whole command."""

@@ -147,6 +147,8 @@ def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
         level, active, least + SIGNIFICANT_SHARE * now)]
     change = HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1))
     time = _time_to_goal(evaluation, variants.lasting.velocity)
+    if time > min(causes.time_to_position_limit(name) for name in names):
+        return change
     return f'wait {_one_digit(time)} s, or {change}' \
         if kind == VelocityLimit.name and math.isfinite(time) else change
 

@@ -41,6 +41,12 @@ def test_all_limits_that_matter_are_raised_together(goal, hint):
     assert hints('- tool: {type: position, frame: z}', goals={'tool': goal}) == {'tool': hint}
 
 
+def test_a_joint_that_is_at_its_end_first_is_not_waited_for():
+    # It is there in 2 s, and the task would be at its goal in 2.5 s.
+    assert hints('- tool: {type: position, frame: z}', goals={'tool': [2.5, 0.0, 0.1]}) == {
+        'tool': 'raise the velocity limit of slide_x'}
+
+
 def test_limits_of_joints_that_do_not_matter_to_the_task_are_left_alone():
     assert hints("""
 - other: {type: joint, joints: slide_y, target: [1.9]}
