@@ -199,6 +199,8 @@ class Causes:
     def blocking_rows(self, evaluation: Evaluation, name: str) -> list[str]:
         """Return the names of the rows of an inequality task that block another task."""
         found: dict[str, None] = {}
+        # Rows of joints that do not move the task block only others.
+        moving = np.abs(evaluation.level.J).sum(axis=0)
         index = self.variants.level_index(evaluation)
         for level in self.variants.lasting.levels[:index + 1]:
             for number, multipliers in level.row_multipliers.items():
@@ -207,8 +209,9 @@ class Causes:
                     rows = multipliers[first:first + len(other.level.J)]
                     first += len(rows)
                     if other.task.name == name and other.row_names:
-                        found.update(
-                            (other.row_names[row], None) for row in np.flatnonzero(rows).tolist())
+                        found.update((other.row_names[row], None)
+                                     for row in np.flatnonzero(rows).tolist()
+                                     if np.abs(other.level.J[row]).dot(moving) > 0.0)
         return list(found)
 
     def of(self, evaluation: Evaluation) -> tuple[Cause, ...]:

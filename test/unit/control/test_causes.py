@@ -472,6 +472,16 @@ def test_of_many_that_block_together_three_are_named_and_the_others_counted():
     assert len(task.phrases) == 6
 
 
+def test_only_rows_of_joints_that_move_the_task_are_named():
+    tasks = first_report(cartesian(), """
+- limits: {type: joint_limits, margin: 0.5}
+- x: {type: joint, joints: slide_x, target: [1.8]}
+- y: {type: position, frame: z, axes: y}
+""", [1.5, 1.5, 0.0], goals={'y': [0.0, 1.9, 0.0]})
+    assert tasks['x'].reason == 'blocked by the bounds of limits (slide_x)'
+    assert tasks['y'].reason == 'blocked by the bounds of limits (slide_y)'
+
+
 def test_disabled_task_has_neither_cause_nor_reason():
     robot = cartesian()
     controller = Controller(robot, Stack.from_yaml(
