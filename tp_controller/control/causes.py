@@ -282,8 +282,8 @@ class Causes:
         robot, joint = self._robot, self._robot.velocity_names.index(name)
         speed = float(self.variants.lasting.velocity[joint])
         position = float(robot.positions(self._place.q)[joint])
-        room = float((robot.upper if speed > 0.0 else robot.lower)[joint]) - position
-        return room / speed if speed else math.inf
+        distance = float((robot.upper if speed > 0.0 else robot.lower)[joint]) - position
+        return distance / speed if speed else math.inf
 
     @property
     def slows_all(self) -> bool:
