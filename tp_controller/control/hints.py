@@ -126,11 +126,15 @@ def _hint(evaluation: Evaluation, cause: Cause, causes: Causes) -> str:
 
 def _redistribution_helps(evaluation: Evaluation, causes: Causes) -> bool:
     """Return whether a limit that hardly lets the robot move would leave a task more otherwise."""
-    level, variants = evaluation.level, causes.variants
-    if variants.lasting.slowed > SLOW_SHARE or variants.redistributed is None:
-        return False
-    now = missing(level, variants.lasting.velocity)
-    return now - missing(level, variants.redistributed) >= HELPFUL_SHARE * now
+    variants = causes.variants
+    return variants.lasting.slowed <= SLOW_SHARE and variants.redistributed is not None \
+        and _helps(evaluation, variants.redistributed, causes)
+
+
+def _helps(evaluation: Evaluation, velocity: Array, causes: Causes) -> bool:
+    """Return whether velocities (n,) bring back enough of what a task misses in the end."""
+    now = missing(evaluation.level, causes.variants.lasting.velocity)
+    return now - missing(evaluation.level, velocity) >= HELPFUL_SHARE * now
 
 
 def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
@@ -139,12 +143,11 @@ def _for_limits(evaluation: Evaluation, kind: str, causes: Causes) -> str:
     active: list[Removable] = [
         each for each in causes.active_limits(variants.level_index(evaluation))
         if each.limits[0] == kind]
-    now = missing(level, variants.lasting.velocity)
-    least = missing(level, variants.without(active))
-    if now - least < HELPFUL_SHARE * now:
+    free = variants.without(active)
+    if not _helps(evaluation, free, causes):
         return ''
-    names = [causes.kind_and_name(each)[1] for each in causes.fewest(
-        level, active, least + SIGNIFICANT_SHARE * now)]
+    most = missing(level, free) + SIGNIFICANT_SHARE * missing(level, variants.lasting.velocity)
+    names = [causes.kind_and_name(each)[1] for each in causes.fewest(level, active, most)]
     change = HINTS[kind].format(name=listed(names), s='s' * (len(names) > 1))
     time = _time_to_goal(evaluation, variants.lasting.velocity)
     if time > min(causes.time_to_position_limit(name) for name in names):
@@ -198,12 +201,10 @@ def _moves_otherwise(evaluation: Evaluation, causes: Causes) -> bool:
 
 def _exchange_helps(evaluation: Evaluation, name: str, causes: Causes) -> bool:
     """Return whether a task gains enough by an exchange, and leaves a motion to the other one."""
-    variants, level = causes.variants, evaluation.level
+    variants = causes.variants
     after = variants.exchanged(evaluation, variants.evaluation(name))
-    if after is None or not _leaves_joints(evaluation):
-        return False
-    now = missing(level, variants.lasting.velocity)
-    return now - missing(level, after) >= HELPFUL_SHARE * now
+    return after is not None and _leaves_joints(evaluation) \
+        and _helps(evaluation, after, causes)
 
 
 def _leaves_joints(evaluation: Evaluation) -> bool:
