@@ -134,8 +134,7 @@ struct CauseSearch {
     cycle.hold = after.time().mean;
     cycle.slowed = head[0];
     cycle.x = cycle.whole = after.velocity();
-    cycle.lower = record.take(n);
-    cycle.upper = record.take(n);
+    record.take(2 * n);                // bounds, transient ones among them
     cycle.cap = kind.cap.empty() ? nullptr : kind.cap.data();
     cycle.memory.assign(memory.damping(), memory.damping() + levels);
     for (size_t l = 0; l < levels; ++l) record.level(n, cycle);

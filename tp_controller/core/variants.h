@@ -62,7 +62,7 @@ struct SolvedCycle {
   std::vector<double> memory;            // before the cycle
   std::vector<Step> steps;               // none where the fast path solved it
   JointMotion motion;
-  const double *lower, *upper, *cap, *x, *whole;
+  const double *cap, *x, *whole;
   double gain, hold, slowed;             // gain: of position limits
 
   // The level of a task alone.
