@@ -123,7 +123,8 @@ WATCHDOG_TOPICS = {
 # Page about a command, or section of one.
 COMMAND_PAGES = {
     'demo': 'docs/robots.md#three-robots-at-work', 'goal': 'docs/ros.md#goals-from-the-shell',
-    'status': 'docs/ros.md#status', 'check': 'docs/check.md', 'view': 'docs/view.md',
+    'status': 'docs/ros.md#status', 'check': 'docs/check.md',
+    'ik': 'docs/ik.md#from-the-shell', 'view': 'docs/view.md',
     'record': 'docs/record.md', 'plot': 'docs/record.md#plot',
 }
 STATUS = {

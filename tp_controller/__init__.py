@@ -21,6 +21,7 @@ Prioritized velocity control of redundant robots.
     controller = Controller(robot, Stack.from_yaml('stack.yaml', robot))
     controller.set_goal('tool', pose, now)
     command = controller.update(q, now)
+    found = solve_position(robot, stack, {'tool': pose}, start=q)
 """
 
 from importlib import import_module
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
     )
     from tp_controller.model.robot import Robot, RobotState
     from tp_controller.model.simulator import KinematicSimulator, SimulatorNoise
+    from tp_controller.positions.solution import PositionSolution
+    from tp_controller.positions.solve_position import PositionSolver, solve_position
+    from tp_controller.positions.solve_positions import solve_positions
     from tp_controller.solver.level import Level
     from tp_controller.solver.solution import Bounds, LevelSolution, LevelStep, Solution, Solver
     from tp_controller.solver.solve import solve
@@ -49,9 +53,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     'Bounds', 'Command', 'Controller', 'EvaluationError', 'GoalError', 'KinematicSimulator',
-    'Level', 'LevelSolution', 'LevelStep', 'Robot', 'RobotError', 'RobotState', 'Settings',
-    'SettingsError', 'SimulatorNoise', 'Solution', 'Solver', 'SolverError', 'Stack', 'StackError',
-    'TaskError', 'TimeError', 'TpControllerError', 'solve']
+    'Level', 'LevelSolution', 'LevelStep', 'PositionSolution', 'PositionSolver', 'Robot',
+    'RobotError', 'RobotState', 'Settings', 'SettingsError', 'SimulatorNoise', 'Solution',
+    'Solver', 'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError',
+    'TpControllerError', 'solve', 'solve_position', 'solve_positions']
 
 # Module of each public name, imported on first use: the command line needs few of them.
 _ORIGINS = {
@@ -61,13 +66,16 @@ _ORIGINS = {
                'StackError', 'TaskError', 'TimeError', 'TpControllerError'),
     'model.robot': ('Robot', 'RobotState'),
     'model.simulator': ('KinematicSimulator', 'SimulatorNoise'),
+    'positions.solution': ('PositionSolution',),
+    'positions.solve_position': ('PositionSolver', 'solve_position'),
+    'positions.solve_positions': ('solve_positions',),
     'solver.level': ('Level',),
     'solver.solution': ('Bounds', 'LevelSolution', 'LevelStep', 'Solution', 'Solver'),
     'solver.solve': ('solve',),
     'tasks.stack': ('Stack',),
 }
 _MODULES = {name: module for module, names in _ORIGINS.items() for name in names}
-_SUBPACKAGES = ('control', 'errors', 'model', 'resources', 'solver', 'tasks')
+_SUBPACKAGES = ('control', 'errors', 'model', 'positions', 'resources', 'solver', 'tasks')
 
 
 def __getattr__(name: str) -> Any:

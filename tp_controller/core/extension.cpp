@@ -17,6 +17,7 @@
 
 #include "clearance.h"
 #include "collision.h"
+#include "search_object.h"
 #include "step_object.h"
 
 namespace {
@@ -55,6 +56,11 @@ PyObject *constants() {
       {"control.cycle_time", {VALUE(SMOOTHING), VALUE(HOLD_RATIO)}},
       {"control.escape", {VALUE(STUCK_SPEED), VALUE(LEAST_DEMAND), VALUE(SINGULAR_RATIO),
           VALUE(STUCK_SECONDS), VALUE(MOST_NUDGES)}},
+      {"positions.descent", {VALUE(MET), VALUE(KEPT), VALUE(SLACK), VALUES(LADDER),
+          VALUE(FIRST_RUNG), VALUE(FIRST_RADIUS), VALUE(LARGEST_RADIUS), VALUE(LEAST_RADIUS),
+          VALUE(LEAST_GAIN), VALUE(WELL_PREDICTED), VALUE(SHRINK), VALUE(GROW), VALUE(LEAST_REDUCTION),
+          VALUE(LAST_REDUCTION),          VALUE(STALLED), VALUE(STALLED_STEPS), VALUE(CORRECTIONS), VALUE(MOST_STEPS), VALUE(ROUNDS)}},
+      {"positions.search", {VALUE(EQUAL)}},
   };
 #undef VALUE
 #undef BOUNDED
@@ -96,6 +102,8 @@ PyMODINIT_FUNC PyInit_extension(void) {
       {"Limits", make_type<Limits>("tp_controller.core.extension.Limits", make_limits,
                                    LIMITS_METHODS)},
       {"Task", make_type<TaskTwin>("tp_controller.core.extension.Task", make_task, TASK_METHODS)},
+      {"Search", make_type<PositionSearch>("tp_controller.core.extension.Search", make_search,
+                                           SEARCH_METHODS)},
       {"Step", make_type<StackCycle>("tp_controller.core.extension.Step", make_step,
                                      STEP_METHODS)},
       {"CONSTANTS", constants()}});

@@ -77,6 +77,19 @@ class FrameTask : public TurningTask {
     return std::max(frame_, reference_) < int(motion.frames.size());
   }
 
+  // A position (3,), a rotation (3, 3) or a pose (4, 4), as the goal before.
+  bool set_goal(const double *numbers, size_t count) override {
+    const bool both = goal_.is_position && goal_.is_rotation;
+    if (count != (both ? 16u : goal_.is_position ? 3u : goal_.is_rotation ? 9u : 0u)) return false;
+    if (count == 3) std::copy(numbers, numbers + 3, goal_.p);
+    if (count == 9) std::copy(numbers, numbers + 9, goal_.R);
+    for (int i = 0; both && i < 3; ++i) {
+      std::copy(numbers + 4 * i, numbers + 4 * i + 3, goal_.R + 3 * i);
+      goal_.p[i] = numbers[4 * i + 3];
+    }
+    return true;
+  }
+
   bool evaluate(const Situation &at, const Rows &out) override {
     Motion &motion = *at.motion;
     double *J = motion.jacobians(), error[6] = {};

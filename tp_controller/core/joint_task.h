@@ -54,6 +54,12 @@ class JointTask : public Task {
 
   bool fits(const Motion &motion) const override { return columns_.fit(motion); }
 
+  bool set_goal(const double *numbers, size_t count) override {
+    if (goal_.empty() || count != goal_.size()) return false;
+    std::copy(numbers, numbers + count, goal_.begin());
+    return true;
+  }
+
   bool evaluate(const Situation &at, const Rows &out) override {
     for (int i = 0; i < rows(); ++i) {
       double error = goal_.empty() ? 0.0 : goal_[i] - at.positions[columns_.at[i]];

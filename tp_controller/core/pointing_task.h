@@ -42,6 +42,12 @@ class AxisTask : public TurningTask {
     return std::max(axis_.frame, aim_.reference) < int(motion.frames.size());
   }
 
+  bool set_goal(const double *numbers, size_t count) override {
+    if (count != 3) return false;
+    std::copy(numbers, numbers + 3, aim_.goal);
+    return true;
+  }
+
   bool evaluate(const Situation &at, const Rows &out) override {
     Motion &motion = *at.motion;
     const size_t n = size_t(motion.n);

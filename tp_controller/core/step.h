@@ -21,7 +21,7 @@
 #include "cycle_time.h"
 #include "escape.h"
 #include "solve.h"
-#include "task.h"
+#include "stack_levels.h"
 #include "velocity_limits.h"
 
 namespace {
@@ -69,9 +69,6 @@ class CycleMemory {
 
 class ControlCycle {
  public:
-  // Of the tasks of a level; none for one that Python evaluates.
-  using Group = std::vector<Task *>;
-
   ControlCycle(const Options &options, const Limits &limits, std::vector<double> cap,
                double period, int delay)
       : limits(limits), cap(std::move(cap)), period(period), delay(delay), solver(options),
@@ -132,52 +129,8 @@ class ControlCycle {
     evaluations.clear();
     for (const Group &group : groups_)
       if (group.size() == 1 && !group[0]) solver.levels.push_back(given[next++]);
-      else if (!join(at, group, next)) return false;
+      else if (!join(solver.arena, at, group, given, next, solver.levels, evaluations)) return false;
     return true;
-  }
-
-  // The level of a group of tasks, their rows one below the other.
-  bool join(const Situation &at, const Group &group, size_t &next) {
-    const int n = solver.n();
-    size_t m = 0, one = next;
-    for (const Task *task : group) m += size_t(task ? task->rows() : given[one++].m);
-    const Task *first = group[0];
-    const Level *other = first ? nullptr : &given[next];
-    const bool bounded = first ? first->bounded() : other->bounded;
-    const bool identity = group.size() == 1 && first->is_identity();
-    Arena &arena = solver.arena;
-    double *J = identity ? nullptr : arena.take(m * n), *error = arena.take(m);
-    double *v = arena.take(m), *most = bounded ? arena.take(m) : nullptr;
-    solver.levels.push_back({int(m), n, bounded, first ? first->scale() : other->scale, identity,
-                             J, bounded ? nullptr : v, bounded ? v : nullptr, most});
-    for (Task *task : group) {
-      size_t rows;
-      if (task) {
-        const Rows out = {error, J, v, v, most};
-        if (!task->evaluate(at, out)) return false;
-        evaluations.push_back(out);
-        rows = size_t(task->rows());
-      } else {
-        rows = copy(given[next++], J, v, most);
-      }
-      if (J) J += rows * n;
-      error += rows;
-      v += rows;
-      if (most) most += rows;
-    }
-    return true;
-  }
-
-  static size_t copy(const Level &from, double *J, double *v, double *most) {
-    if (from.is_identity)
-      for (int i = 0; i < from.n; ++i)
-        for (int j = 0; j < from.n; ++j) J[size_t(i) * from.n + j] = i == j ? 1.0 : 0.0;
-    else
-      std::copy(from.J, from.J + size_t(from.m) * from.n, J);
-    const double *least = from.bounded ? from.lower : from.v;
-    std::copy(least, least + from.m, v);
-    if (from.bounded) std::copy(from.upper, from.upper + from.m, most);
-    return size_t(from.m);
   }
 
   void bound(const double *positions, const CycleTime &time) {

@@ -36,7 +36,7 @@ struct StackCycle {
 };
 
 // ((Task or None, …), …), all of this robot; false where they are not.
-bool read_groups(PyObject *object, const Motion &motion, std::vector<ControlCycle::Group> &groups,
+bool read_groups(PyObject *object, const Motion &motion, std::vector<Group> &groups,
                  std::vector<PyObject *> &held) {
   for (Py_ssize_t l = 0; l < PyTuple_Size(object); ++l) {
     PyObject *group = PyTuple_GetItem(object, l);
@@ -92,7 +92,7 @@ PyObject *step_set_tasks(PyObject *self, PyObject *const *given, Py_ssize_t coun
       || its.cycle->solver.busy) return refuse("set_tasks(motion, tasks)");
   try {
     StackCycle others;
-    std::vector<ControlCycle::Group> groups;
+    std::vector<Group> groups;
     if (!read_groups(given[1], *motion, groups, others.held))
       return refuse("the tasks are not those of this robot");
     its.cycle->set_groups(std::move(groups));
@@ -105,7 +105,7 @@ PyObject *step_set_tasks(PyObject *self, PyObject *const *given, Py_ssize_t coun
 }
 
 // Whether a group with several tasks has bounds.
-bool is_bounded(const ControlCycle::Group &group, size_t first, const ControlCycle &cycle) {
+bool is_bounded(const Group &group, size_t first, const ControlCycle &cycle) {
   for (const Task *task : group)
     if (task) return task->bounded();
   return cycle.given[first].bounded;
@@ -124,7 +124,7 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
     cycle.given.push_back(read_level(cycle.solver.arena, PyTuple_GetItem(levels, l),
                                      cycle.solver.n()));
   size_t next = 0;
-  for (const ControlCycle::Group &group : cycle.groups()) {
+  for (const Group &group : cycle.groups()) {
     const size_t first = next;
     for (Task *task : group)
       if (task) task->begin();
@@ -143,7 +143,7 @@ template <typename Put>
 void put_levels(const ControlCycle &cycle, Put put) {
   auto level = cycle.solver.levels.begin();
   auto given = cycle.given.begin();
-  for (const ControlCycle::Group &group : cycle.groups()) {
+  for (const Group &group : cycle.groups()) {
     const double head[3] = {double(group.size()), double(level->bounded), double(level->scale)};
     put(head, 3);
     for (const Task *task : group) {
@@ -163,7 +163,7 @@ void put_levels(const ControlCycle &cycle, Put put) {
 template <typename Put>
 void put_errors(const ControlCycle &cycle, Put put) {
   auto evaluation = cycle.evaluations.begin();
-  for (const ControlCycle::Group &group : cycle.groups())
+  for (const Group &group : cycle.groups())
     for (const Task *task : group)
       if (task) put((evaluation++)->error, size_t(task->rows()));
 }
@@ -234,7 +234,7 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
     PyObject *record = write_cycle(cycle, positions);
     if (!record) return nullptr;
     velocity.fill(solver.x);
-    for (const ControlCycle::Group &group : cycle.groups())
+    for (const Group &group : cycle.groups())
       for (const Task *task : group)
         if (task) task->keep();
     return record;

@@ -80,6 +80,8 @@ class Task {
   // Read what the cycle before left, and keep what the next one needs.
   void begin() { if (kept_) std::copy(kept_, kept_ + memory_.size(), memory_.begin()); }
   void keep() const { std::copy(memory_.begin(), memory_.end(), kept_); }
+  // Set a goal, its numbers row by row; false, and nothing has changed, where it is none of the task.
+  virtual bool set_goal(const double *, size_t) { return false; }
   // Evaluate the task; false where the reference has to.
   virtual bool evaluate(const Situation &at, const Rows &out) = 0;
 

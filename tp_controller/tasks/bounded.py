@@ -19,7 +19,7 @@ from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from tp_controller.errors import GoalError
@@ -34,6 +34,8 @@ from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.yaml_keys import gain_key, tolerance_key, yaml_key
 
 # Defaults of the keys `gain` [1/s] and `return_speed` [unit/s].
+SomeBoundedTask = TypeVar('SomeBoundedTask', bound='BoundedTask')
+
 DEFAULT_BOUND_GAIN = 10.0
 DEFAULT_RETURN_SPEED = 0.2
 # Largest joint speed demanded to bring one row back, however short the row [rad/s or m/s].
@@ -270,7 +272,17 @@ class BoundedTask(Task):
     def reset(self) -> None:
         """Drop the previous cycles, so that the next one has no history."""
         super().reset()
+        self.forget_cycles()
+
+    def forget_cycles(self) -> None:
+        """Drop the previous cycles; see `Task`."""
         self._history.forget()
+
+    def at_positions(self: SomeBoundedTask, gain: float = 1.0) -> SomeBoundedTask:
+        """Return a copy without a speed at which it returns to its bounds; see `Task`."""
+        other = super().at_positions(gain)
+        other.return_speed = math.inf
+        return other
 
     def forget_goal(self) -> None:
         """Keep the goal: the pose of a region does not depend on the robot."""

@@ -151,6 +151,10 @@ class GoalHolder(ABC):
         self._feed_forward = velocity
         self._feed_forward_time = now
 
+    def forget_feed_forward(self) -> None:
+        """Drop the feed-forward velocity."""
+        self._feed_forward = None
+
     def feed_forward(self, now: float) -> Array | None:
         """Return the feed-forward velocity in force; None if it is absent or timed out."""
         # A clock that was set back must not extend an old velocity either.

@@ -15,7 +15,7 @@
 """Scalar objectives of the joints, maximized in the null space of the tasks above."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from tp_controller.errors import GoalError
@@ -27,6 +27,8 @@ from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import Keys, positive, UnitRows
 from tp_controller.tasks.task import Evaluation, norm, Task
 from tp_controller.tasks.yaml_keys import gain_key, tolerance_key, yaml_key
+
+SomeGradientTask = TypeVar('SomeGradientTask', bound='GradientTask')
 
 # Default of the key `max_speed` [rad/s or m/s].
 DEFAULT_SPEED = 0.5
@@ -106,6 +108,12 @@ class GradientTask(Task):
         """Return the `Evaluation` at a state."""
         error = self.error(state)
         return Evaluation(self, Level.of_joints(error, self.mode), error)
+
+    def at_positions(self: SomeGradientTask, gain: float = 1.0) -> SomeGradientTask:
+        """Return a copy with its own gain, since the gradient is no error; see `Task`."""
+        other = super().at_positions()
+        other.gain = self.gain
+        return other
 
     def start(self, state: RobotState) -> None:
         """Do nothing: there is no default goal."""

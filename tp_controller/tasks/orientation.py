@@ -82,6 +82,10 @@ class TurningTask(Task):
         super().set_goal(goal, now)
         self._rotation_error.forget()
 
+    def forget_cycles(self) -> None:
+        """Restart with the shorter rotation; see `Task`."""
+        self._rotation_error.forget()
+
     def with_goal(self: SomeTurningTask, goal: Goal) -> SomeTurningTask:
         """Return a copy with a goal, which starts with the shorter rotation to it."""
         tried = super().with_goal(goal)

@@ -54,6 +54,7 @@ class SpeedLimit(BoundedTask):
     """
 
     type_name = 'speed_limit'
+    has_position = False
     without = ('gain', 'return_speed')
     example = {'frame': 'panda_hand_tcp', 'linear': 0.25}
     sketch_parts = {'frame': True}

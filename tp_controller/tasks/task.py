@@ -102,6 +102,8 @@ class Task(KeyHolder):
         Factor of the rows of the level. Singular values count as small or large in metres and
         radians per radian; rows that are short by nature are scaled to compare with those of a
         frame.
+    has_position : bool
+        The task has an error at rest; others demand or limit a velocity alone.
     frame : str or None
         Frame of the robot that the task is about; None for no frame or several.
     owner : object or None
@@ -116,6 +118,7 @@ class Task(KeyHolder):
     remarks: tuple[str, ...] = ()
     row_scale = 1.0
     every_joint = False
+    has_position: ClassVar[bool] = True
     owner: object = None
     sketch_parts: ClassVar[Mapping[str, bool]] = {}
 
@@ -296,6 +299,16 @@ class Task(KeyHolder):
     def probe(self: SomeTask) -> SomeTask:
         """Return an independent copy for evaluation outside the cycles."""
         return copy(self)
+
+    def at_positions(self: SomeTask, gain: float = 1.0) -> SomeTask:
+        """Return an independent copy that demands this share of the error, and nothing else."""
+        other = self.probe()
+        other.gain = np.full(other.rows, gain)
+        other.forget_feed_forward()
+        return other
+
+    def forget_cycles(self) -> None:
+        """Drop the previous cycles, so that the next evaluation depends on the state alone."""
 
     def reported_errors(self, error: Array, residual: Array) -> tuple[tuple[float, str, float],
                                                                       ...]:

@@ -25,6 +25,8 @@ from tp_controller.tasks.task import norm, Task
 class VelocityTask(Task):
     """Task whose goal is a velocity; its reported error is desired minus achieved velocity."""
 
+    has_position = False
+
     def value(self, state: RobotState) -> Array:
         """Return zeros (rows,), the default goal."""
         return np.zeros(self.rows)

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 
 from tp_controller.errors import SettingsError, TpControllerError, unknown
 from tp_controller.tools.cli.command import Command
-from tp_controller.tools.cli.values import positive_number
+from tp_controller.tools.cli.robot_arguments import add_robot_arguments, refuse
+from tp_controller.tools.cli.values import positive_number, whole_count, whole_number
 from tp_controller.tools.files import new_file
 from tp_controller.tools.progress import progress
 
@@ -44,30 +45,16 @@ Exit status: 0 nothing is wrong, 1 something is, 2 an argument is not valid.
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command to its parser."""
-    parser.add_argument('stack', nargs='?', default='',
-                        help='the stack, as the parameter of the controller: a path, '
-                        'package://<package>/<path> or YAML text (default: that of the parameter '
-                        'file)')
-    parser.add_argument('--robot', default='', metavar='FILE',
-                        help='the robot, as the parameter: URDF, or DH table (.yaml); a path or '
-                        'package://<package>/<path> (default: that of the parameter file)')
-    parser.add_argument('--base', default='', metavar='KIND',
-                        help='how the base moves (default: as in the parameter file, else fixed)')
-    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
-                        help='the parameter file of the node: stack, limits, settings, rate; of '
-                        'several, as of the node, the last one that gives a parameter counts')
-    parser.add_argument('--joints', nargs='+', metavar='JOINT',
-                        help='the joints that are driven (default: as in the parameter file, else '
-                        'all that move)')
+    add_robot_arguments(parser)
     parser.add_argument('--rate', type=positive_number, metavar='HZ',
                         help='cycles per second (default: as in the parameter file, else 100)')
-    parser.add_argument('--samples', type=_count, default=300, metavar='N',
+    parser.add_argument('--samples', type=whole_count, default=300, metavar='N',
                         help='random configurations to look at (default: 300)')
-    parser.add_argument('--runs', type=_number, default=20, metavar='N',
+    parser.add_argument('--runs', type=whole_number, default=20, metavar='N',
                         help='closed loops with random starts and goals (default: 20; 0: none)')
     parser.add_argument('--seconds', type=positive_number, default=15.0,
                         help='longest simulated time of one (default: 15)')
-    parser.add_argument('--seed', type=_number, default=0,
+    parser.add_argument('--seed', type=whole_number, default=0,
                         help='of the random numbers; the same one gives the same result '
                         '(default: 0)')
     parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
@@ -103,13 +90,13 @@ def run_check(options: argparse.Namespace) -> int:
     outputs = [path for path in (options.json, options.html) if path]
     for path in outputs:
         if not path.absolute().parent.is_dir():
-            return _refuse(f'{path}: there is no folder {path.parent}')
+            return refuse(f'{path}: there is no folder {path.parent}')
     try:
         report = _report(options)
     except Refused as error:
-        return _refuse(error.missing_file)
+        return refuse(error.missing_file)
     except SettingsError as error:
-        return _refuse(str(error))
+        return refuse(str(error))
     print(text_of(report))
     try:
         for path, text in ((options.json, report.to_json),
@@ -118,7 +105,7 @@ def run_check(options: argparse.Namespace) -> int:
                 with new_file(path) as file:
                     file.write(text().encode())
     except (OSError, TpControllerError) as error:
-        return _refuse(str(error))
+        return refuse(str(error))
     return 0 if report.passes(options.strict) else 1
 
 
@@ -155,29 +142,9 @@ def _print_time(seconds: float) -> None:
           'make it shorter', file=sys.stderr)
 
 
-def _refuse(message: str) -> int:
-    """Print the fault of an argument; return the exit status."""
-    print(f'tp_controller: {message}', file=sys.stderr)
-    return 2
-
-
-def _number(text: str) -> int:
-    """Parse an integer from 0 on."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
-    return int(text)
-
-
-def _count(text: str) -> int:
-    """Parse an integer from 1 on."""
-    if not _number(text):
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
-    return int(text)
-
-
 def _jobs(text: str) -> int:
     """Parse a number of processes: from 1 on, or -1."""
-    return -1 if text.strip() == '-1' else _count(text)
+    return -1 if text.strip() == '-1' else whole_count(text)
 
 
 COMMAND = Command(

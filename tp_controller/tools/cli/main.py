@@ -26,7 +26,7 @@ from typing import NoReturn
 import argcomplete
 from tp_controller.errors import SolverError, TpControllerError
 from tp_controller.ros.signals import END_SIGNALS, SignalWatch
-from tp_controller.tools.cli import check, demo, goal, plot, record, status, view
+from tp_controller.tools.cli import check, demo, goal, ik, plot, record, status, view
 from tp_controller.tools.extras import install_command
 from tp_controller.untrusted.texts import plain
 
@@ -40,13 +40,14 @@ examples:
   tp_controller goal --help              how to send goals of every kind
   tp_controller status                   the tasks of running controllers
   tp_controller check --help             the faults of a stack, before a robot moves
+  tp_controller ik --help                inverse kinematics of a stack
   tp_controller view                     a robot in the browser, to pull about
   tp_controller record run               the topics of controllers, to files
   tp_controller plot run                 plots and a report of a recording
 """
 COMMANDS = {
     'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
-    'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
+    'ik': ik.COMMAND, 'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
 # {optional packages: (reason, extra that contains them)}
 EXTRAS = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): ('the figures need it', 'plots'),

@@ -35,3 +35,17 @@ def positive_number(text: str) -> float:
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f'{text.strip()!r} must be positive')
     return value
+
+
+def whole_number(text: str) -> int:
+    """Parse an integer from 0 on."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+    return int(text)
+
+
+def whole_count(text: str) -> int:
+    """Parse an integer from 1 on."""
+    if not whole_number(text):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
+    return int(text)

@@ -1,0 +1,103 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A descent: levels above are kept, costs fall, and the region of trust follows the prediction."""
+
+import numpy as np
+import pytest
+import robots
+from tp_controller import Stack
+from tp_controller.positions.descent import Descent, KEPT, MET, SLACK
+from tp_controller.positions.position_stack import PositionStack
+from tp_controller.positions.random_postures import random_postures
+
+TOOL = robots.PANDA_TOOL
+TEXT = (f'- tool: {{type: position, frame: {TOOL}}}\n'
+        '- elbow: {type: position, frame: panda_link4}\n- posture: {type: posture}\n')
+
+
+def scene(seed, text=TEXT, out_of_time=lambda: False):
+    """Return tasks with goals of different postures, a descent, and a point."""
+    robot = robots.panda()
+    tasks = PositionStack(robot, Stack.from_yaml(text, robot))
+    postures = random_postures(robot, robot.neutral(), np.random.default_rng(seed), 4)
+    for task, q in zip(tasks.stack.active_tasks, postures):
+        task.start(robot.state(q))
+    # Near the posture of the first goal.
+    return tasks, Descent(tasks, robot, out_of_time), tasks.at(tasks.within_limits(
+        postures[0] + 0.2))
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_upper_levels_are_kept_while_lower_ones_are_reduced(seed):
+    tasks, descent, point = scene(seed)
+    first = descent.approach(point, 1)
+    assert first.costs[0] <= MET
+    last = descent.finish(first)
+    assert last.costs[0] <= first.costs[0] * (1.0 + SLACK) + KEPT
+    assert last.costs[1] <= first.costs[1]
+    # From the end nothing is left to reduce.
+    descent.begin()
+    again = descent.finish(last)
+    for before, after in zip(last.costs, again.costs):
+        assert after == pytest.approx(before, rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_levels_that_fit_together_are_met_together(seed):
+    tasks, descent, point = scene(seed, TEXT.partition('- posture')[0])
+    robot = tasks.robot
+    q = random_postures(robot, robot.neutral(), np.random.default_rng(seed), 1)[0]
+    for task in tasks.stack.active_tasks:
+        task.goal = None
+        task.start(robot.state(q))
+    assert sum(descent.approach(tasks.at(q + 0.2), 2).costs) <= MET
+
+
+def test_levels_that_do_not_fit_together_are_met_in_order():
+    left = []
+    for seed in range(5):
+        tasks, descent, point = scene(seed)
+        found = descent.approach(point, 2)
+        descent.begin()
+        found = descent.finish(found)
+        assert found.costs[0] <= 2 * KEPT
+        left.append(found.costs[1])
+    assert max(left) > 1e-3
+
+
+def test_nothing_is_done_without_time():
+    tasks, descent, point = scene(0, out_of_time=lambda: True)
+    assert descent.approach(point, 1) is point
+    assert descent.finish(point) is point
+
+
+def test_steps_of_a_descent_are_counted(monkeypatch):
+    monkeypatch.setattr('tp_controller.positions.descent.MOST_STEPS', 2)
+    tasks, descent, point = scene(1)
+    once = descent.approach(point, 1)
+    assert descent.approach(once, 1) is once
+    descent.begin()
+    assert descent.approach(once, 1).costs[0] < once.costs[0]
+
+
+def test_goal_at_a_fold_is_left_behind_with_damping():
+    # Straight up, no step moves the tool towards its base: only a damped one leads away.
+    robot = robots.planar()
+    tasks = PositionStack(robot, Stack.from_yaml(
+        '- tip: {type: position, frame: link3, axes: xy}\n', robot))
+    task = tasks.stack.tasks['tip']
+    task.goal = task.parse_goal([1.2, 0.1, 0.0])
+    found = Descent(tasks, robot, lambda: False).approach(tasks.at(np.zeros(3)), 1)
+    assert found.costs[0] <= MET

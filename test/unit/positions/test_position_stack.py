@@ -1,0 +1,99 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tasks of a stack at a configuration: whole errors, and steps that a constant J predicts."""
+
+import numpy as np
+import pytest
+import robots
+from tp_controller import Stack
+from tp_controller.positions.position_stack import linear_cost, PositionStack
+
+TOOL = robots.PANDA_TOOL
+TEXT = f"""
+- cell: {{type: keep_in, frame: {TOOL}, shape: {{box: [0.2, 0.2, 0.2]}}, at: [0.4, 0, 0.4]}}
+- tool: {{type: pose, frame: {TOOL}, gain: 3.0}}
+- [one: {{type: joint, joints: panda_joint1}}, two: {{type: joint, joints: panda_joint2}}]
+- slow: {{type: speed_limit, frame: {TOOL}, linear: 0.1}}
+"""
+READY = np.array(robots.PANDA_READY)
+
+
+def at_positions(text=TEXT, robot=None):
+    """Return the tasks of a stack at positions, started at the ready posture."""
+    robot = robot or robots.panda()
+    tasks = PositionStack(robot, Stack.from_yaml(text, robot))
+    tasks.start_state = tasks.place(READY, robot.passive_neutral)
+    tasks.stack.start(tasks.start_state)
+    return tasks
+
+
+def test_costs_are_squared_errors_whatever_the_gain():
+    tasks = at_positions()
+    robot = tasks.robot
+    q = READY + 0.1
+    point = tasks.at(q)
+    assert len(point.levels) == 3
+    tool = tasks.stack.tasks['tool']
+    np.testing.assert_allclose(point.levels[1].v, tool.error(robot.state(q)), atol=1e-12)
+    assert point.costs[1] == pytest.approx(np.square(tool.error(robot.state(q))).sum())
+    assert point.costs[2] == pytest.approx(2 * 0.1 ** 2)
+    place = robot.state(q).position(TOOL) - [0.4, 0.0, 0.4]
+    beyond = np.maximum(np.abs(place) - 0.1, 0.0)
+    assert point.costs[0] == pytest.approx(np.square(beyond).sum())
+
+
+def test_bounds_are_the_distances_that_are_left():
+    tasks = at_positions()
+    point = tasks.at(READY)
+    place = tasks.robot.state(READY).position(TOOL) - [0.4, 0.0, 0.4]
+    inside = np.abs(place) < 0.1
+    level = point.levels[0]
+    # Rows inside, in metres: not slowed, and not limited by a speed.
+    assert level.upper[inside] == pytest.approx((0.1 - place)[inside])
+    assert level.lower[inside] == pytest.approx((-0.1 - place)[inside])
+
+
+def test_small_step_costs_what_a_constant_jacobian_predicts():
+    tasks = at_positions()
+    point = tasks.at(READY + 0.2)
+    step = np.random.default_rng(0).normal(size=7)
+    for level, error, cost in zip(point.levels, point.errors, point.costs):
+        assert linear_cost(level, error, np.zeros(7)) == pytest.approx(cost)
+        index = point.levels.index(level)
+        size = 1e-5
+        slope = (tasks.moved(point, size * step).costs[index] - cost) / size
+        predicted = (linear_cost(level, error, size * step) - cost) / size
+        assert slope == pytest.approx(predicted, abs=1e-3 * np.linalg.norm(step))
+
+
+def test_moves_stay_within_position_limits():
+    tasks = at_positions()
+    moved = tasks.moved(tasks.at(READY), np.full(7, 100.0))
+    np.testing.assert_array_equal(moved.q, tasks.robot.upper)
+
+
+def test_stack_is_not_changed_and_nothing_of_the_past_counts():
+    robot = robots.panda()
+    stack = Stack.from_yaml(TEXT, robot)
+    tasks = PositionStack(robot, stack)
+    assert stack.tasks['tool'].gain == 3.0
+    assert stack.tasks['tool'].goal is None
+    tasks.stack.start(tasks.place(READY, robot.passive_neutral))
+    assert stack.tasks['tool'].goal is None
+    first = tasks.at(READY + 0.3)
+    tasks.at(READY - 1.0)
+    again = tasks.at(READY + 0.3)
+    assert again.costs == first.costs
+    np.testing.assert_array_equal(again.levels[0].lower, first.levels[0].lower)

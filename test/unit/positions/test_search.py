@@ -1,0 +1,64 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A search: one descent after the other, until the needed levels are met."""
+
+import numpy as np
+import pytest
+import robots
+from tp_controller import Stack
+from tp_controller.positions.descent import Descent, MET
+from tp_controller.positions.position_stack import PositionStack
+from tp_controller.positions.search import is_better, search
+
+TOOL = robots.PANDA_TOOL
+
+
+@pytest.mark.parametrize(('costs', 'others', 'expected'), [
+    ([0.0, 2.0], [0.0, 1.0], False), ([0.0, 1.0], [0.0, 2.0], True),
+    ([1.0, 0.0], [0.5, 9.0], False), ([0.5, 9.0], [1.0, 0.0], True),
+    ([1e-15, 1.0], [0.0, 2.0], True), ([1.0005, 1.0], [1.0, 2.0], True),
+    ([1.0, 1.0], [1.0, 1.0], False), ([], [], False)])
+def test_first_cost_that_differs_decides(costs, others, expected):
+    assert is_better(costs, others) == expected
+
+
+def scene(goal):
+    """Return tasks with a goal of the tool, and a descent."""
+    robot = robots.panda()
+    tasks = PositionStack(robot, Stack.from_yaml(
+        f'- tool: {{type: position, frame: {TOOL}}}\n', robot))
+    task = tasks.stack.tasks['tool']
+    task.goal = task.parse_goal(goal)
+    return tasks, Descent(tasks, robot, lambda: False)
+
+
+def test_search_ends_where_the_goal_is_reached():
+    tasks, descent = scene([0.4, 0.1, 0.5])
+    ready = np.array(robots.PANDA_READY)
+    found = search(tasks, descent, 1, iter([ready, ready + 0.1]))
+    assert found.descents == 1
+    assert found.costs[0] <= MET
+
+
+def test_best_of_all_descents_is_returned():
+    tasks, descent = scene([2.0, 0.0, 0.3])
+    starts = np.random.default_rng(0).uniform(tasks.robot.lower, tasks.robot.upper, (6, 7))
+    each = [search(tasks, descent, 1, [start]) for start in starts]
+    found = search(tasks, descent, 1, starts)
+    assert found.descents == 6
+    best = min(each, key=lambda one: one.costs[0])
+    assert found.costs[0] <= best.costs[0] * 1.002
+    np.testing.assert_array_equal(found.q, next(
+        one.q for one in each if one.costs == found.costs))

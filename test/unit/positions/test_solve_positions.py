@@ -1,0 +1,74 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inverse kinematics of many goals: the answers of one by one."""
+
+import numpy as np
+import pytest
+import robots
+from tp_controller import (
+    GoalError,
+    PositionSolver,
+    RobotError,
+    SettingsError,
+    solve_positions,
+    Stack,
+)
+from tp_controller.positions.random_postures import random_postures
+
+TOOL = robots.PANDA_TOOL
+TEXT = f'- tool: {{type: pose, frame: {TOOL}}}\n- posture: {{type: posture}}\n'
+PATIENT = {'timeout': 60.0}
+
+
+@pytest.mark.parametrize('jobs', [1, 3, -1])
+@pytest.mark.parametrize('each', [False, True], ids=['one start', 'a start for each'])
+def test_answers_are_those_of_single_calls(jobs, each):
+    robot = robots.panda()
+    stack = Stack.from_yaml(TEXT, robot)
+    generator = np.random.default_rng(0)
+    goals = [robot.state(q).pose(TOOL) for q in random_postures(
+        robot, robot.neutral(), generator, 40)]
+    # One that nothing reaches.
+    goals[7] = goals[7].copy()
+    goals[7][2, 3] = 3.0
+    starts = random_postures(robot, robot.neutral(), generator, 40) if each else robot.neutral()
+    found = solve_positions(robot, stack, {'tool': goals}, starts, jobs=jobs, seed=5, **PATIENT)
+    single = PositionSolver(robot, stack)
+    assert len(found) == 40
+    for index, one in enumerate(found):
+        expected = single.solve({'tool': goals[index]}, starts[index] if each else starts, seed=5,
+                                **PATIENT)
+        np.testing.assert_array_equal(one.q, expected.q)
+        assert (one.reached, one.attempts) == (expected.reached, expected.attempts)
+    assert [index for index, one in enumerate(found) if not one.reached] == [7]
+    assert 'out of reach' in found[7].tasks[0].reason
+    assert found[8].tasks[0].reached
+
+
+@pytest.mark.parametrize(('arguments', 'error', 'text'), [
+    ({'goals': {}}, GoalError, 'no task'), ({'goals': 5}, GoalError, 'goals need a mapping'),
+    ({'goals': {'tool': 5}}, GoalError, 'goals need a mapping'),
+    ({'goals': {'tool': np.zeros((2, 7)), 'posture': np.zeros((3, 7))}}, GoalError,
+     'tool: 2, posture: 3'),
+    ({'goals': {'tool': np.zeros((2, 7))}}, GoalError, 'tool'),
+    ({'start': np.zeros((5, 7))}, RobotError, 'start needs one configuration, or 2, got 5'),
+    ({'start': np.zeros(3)}, RobotError, '7 positions'),
+    ({'jobs': 0}, SettingsError, 'jobs'), ({'jobs': True}, SettingsError, 'jobs'),
+    ({'attempts': -1}, SettingsError, 'attempts')], ids=str)
+def test_wrong_arguments_are_named(arguments, error, text):
+    robot = robots.panda()
+    goals = {'tool': [robot.state(robot.neutral()).pose(TOOL)] * 2}
+    with pytest.raises(error, match=text):
+        solve_positions(robot, Stack.from_yaml(TEXT, robot), **{'goals': goals, **arguments})

@@ -1,0 +1,149 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``tp_controller ik``: what it prints, writes and returns."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from robots import PANDA_DH, PLANAR_DH
+from tp_controller import Robot
+from tp_controller.tools.cli.main import main
+
+TIP = '- tip: {type: position, frame: link3, axes: xy}\n'
+MIDDLE = '- middle: {type: joint, joints: joint2}\n'
+
+
+def run(capsys, *arguments, robot=PLANAR_DH):
+    """Return the exit status, and what was printed."""
+    status = main(['ik', *map(str, arguments), '--robot', str(robot)])
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
+
+
+def positions(text):
+    """Return the positions in a printed result, by joint."""
+    return {name: float(value) for name, value in (
+        line.split() for line in text.partition('\n\n')[0].splitlines())}
+
+
+def test_joints_lead_to_the_goal(capsys):
+    status, out, err = run(capsys, TIP, '--goal', 'tip=1.0, 0.5, 0')
+    assert status == 0
+    assert not err
+    assert out.endswith('\nreached\n')
+    robot = Robot.from_file(PLANAR_DH)
+    found = positions(out)
+    assert list(found) == list(robot.joint_names)
+    np.testing.assert_allclose(
+        robot.state(list(found.values())).position('link3')[:2], [1.0, 0.5], atol=5e-6)
+
+
+def test_reason_and_hint_are_printed_where_a_goal_is_not_reached(capsys):
+    status, out, _ = run(capsys, TIP + MIDDLE, '--goal', 'tip=[2.25, 0, 0]', '--goal',
+                         'middle={joint2: 0.5}')
+    assert status == 1
+    assert 'tip: limited, error 0.5 m\n  out of reach by 0.5 m\n  hint: ' in out
+    assert 'middle: limited, error 0.5 rad\n  blocked by tip\n' in out
+    assert out.endswith('\nnot reached\n')
+
+
+def test_search_begins_at_the_given_start(capsys):
+    starts = (0.4, -0.4)
+    found = [positions(run(capsys, TIP, '--goal', 'tip=1.0, 0, 0', '--start', f'joint2={start}',
+                           '--start', f'joint3={start}')[1]) for start in starts]
+    assert found[0]['joint3'] == pytest.approx(-found[1]['joint3'], abs=1e-5)
+    assert found[0]['joint3'] > 0.1
+
+
+def test_goals_in_the_stack_are_the_default(capsys):
+    status, out, _ = run(capsys, '- one: {type: joint, joints: joint1, target: [0.7]}')
+    assert status == 0
+    assert positions(out)['joint1'] == pytest.approx(0.7, abs=1e-6)
+
+
+def test_table_of_goals_gives_a_table_of_configurations(capsys, tmp_path):
+    goals, found, page = (tmp_path / name for name in ('goals.csv', 'found.csv', 'found.json'))
+    goals.write_text('tip.y, tip.x, tip.z, middle.joint2, start.joint3\n'
+                     '0.5, 1.0, 0, 0.3, 0.2\n0, 2.25, 0, 0.3, 0.2\n\n-0.5, 1.0, 0, -0.3, -0.2\n')
+    status, out, _ = run(capsys, TIP + MIDDLE, '--csv', goals, '--output', found)
+    assert status == 1
+    lines = out.splitlines()
+    assert lines[1] == '    2 not reached  tip: out of reach by 0.5 m'
+    assert lines[-1].endswith(' of 3 reached')
+    robot = Robot.from_file(PLANAR_DH)
+    rows = list(csv.DictReader(found.read_text().splitlines()))
+    assert [int(row.pop('reached')) for row in rows][1] == 0
+    tips = [robot.state([float(row[name]) for name in robot.joint_names]).position('link3')
+            for row in rows]
+    np.testing.assert_allclose(np.array(tips)[[0, 2], :2], [[1.0, 0.5], [1.0, -0.5]], atol=1e-6)
+    assert run(capsys, TIP + MIDDLE, '--csv', goals, '--output', page)[0] == 1
+    results = json.loads(page.read_text())
+    assert [list(each['q'].values()) for each in results] == [
+        [float(value) for value in row.values()] for row in rows]
+    task = results[1]['tasks'][0]
+    assert task['name'] == 'tip'
+    assert task['errors'] == {'m': pytest.approx(0.5, abs=1e-6)}
+    assert task['reason'] == 'out of reach by 0.5 m'
+    assert results[1]['reached'] is False
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['--goal', 'tip'], "'tip' is not of the form TASK=NUMBERS"),
+    (['--goal', 'tip=[1, 2'], 'the goal of task .tip.'),
+    (['--goal', 'tip=1, 2'], 'needs 3 numbers'), (['--goal', 'tap=1, 2, 3'], "position 'tap'"),
+    (['--start', 'joint9=1'], "unknown joint 'joint9'"),
+    (['--start', 'joint1=far'], '--start joint1=far is not of the form'),
+    (['--start', 'joint1'], '--start joint1 is not of the form'),
+    (['--output', 'found.txt'], 'needs the ending .csv or .json'),
+    (['--output', 'none/found.csv'], 'none'), (['--csv', 'none.csv'], 'none.csv: No such file'),
+    (['--base', 'boat'], 'boat')], ids=str)
+def test_arguments_that_are_not_valid_are_named(capsys, tmp_path, monkeypatch, arguments, text):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, TIP, *arguments)
+    assert status == 2
+    assert err.startswith('tp_controller: ')
+    assert text.replace('.tip.', "'tip'") in err
+
+
+@pytest.mark.parametrize(('table', 'text'), [
+    ('', 'line 1 needs a name for each column'), ('tip.x,tip.x\n1,2\n', 'each once'),
+    ('x,y\n1,2\n', "'x' is not of the form <task>.<part>"),
+    ('tip.x,tip.y,tip.z\n1,2\n', 'line 2: needs 3 numbers, got 2'),
+    ('tip.x,tip.y,tip.z\n1,2,3\n1,two,3\n', "line 3: tip.y is not a number: 'two'"),
+    ('tip.x,tip.y\n1,2\n', 'needs 3 numbers'), ('tip.x,tip.y,tip.z\n', 'no goals')], ids=str)
+def test_faults_of_a_table_are_named_with_their_line(capsys, tmp_path, table, text):
+    path = tmp_path / 'goals.csv'
+    path.write_text(table)
+    status, _, err = run(capsys, TIP, '--csv', path)
+    assert status == 2
+    assert text in err
+
+
+def test_unknown_stack_or_robot_is_refused(capsys, tmp_path):
+    assert run(capsys, '- tip: {type: spot}')[0] == 2
+    status, _, err = run(capsys, TIP, robot=tmp_path / 'none.urdf')
+    assert status == 2
+    assert 'none.urdf' in err
+
+
+@pytest.mark.parametrize('arguments', [
+    ['--attempts', '0'], ['--timeout', '-1'], ['--seed', 'x'], ['--criterion', 'best'],
+    ['--jobs', '0'], ['--goal', 'tip=1', '--csv', 'a.csv']])
+def test_wrong_numbers_are_refused_by_the_parser(capsys, arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(['ik', TIP, *arguments, '--robot', str(PANDA_DH)])
+    assert ended.value.code == 2

@@ -1,0 +1,158 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Descent from a configuration to one nearby at which the errors of a stack are least.
+// Reference: tp_controller/positions/descent.py
+
+#pragma once
+
+#include "position_stack.h"
+#include "solve.h"
+
+#include <chrono>
+
+namespace {
+
+// Constants of the reference.
+constexpr double MET = 1e-13, KEPT = 1e-12, SLACK = 1e-6;
+constexpr double LADDER[] = {0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0};
+constexpr int FIRST_RUNG = 1;
+constexpr double FIRST_RADIUS = 0.6, LARGEST_RADIUS = 1.5, LEAST_RADIUS = 1e-5;
+constexpr double LEAST_GAIN = 0.05, WELL_PREDICTED = 0.7, SHRINK = 0.35, GROW = 2.0;
+constexpr double LEAST_REDUCTION = 1e-4, LAST_REDUCTION = 1e-8;
+constexpr double STALLED = 0.7;
+constexpr int STALLED_STEPS = 7, CORRECTIONS = 4, MOST_STEPS = 200, ROUNDS = 3;
+
+class Descent {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  explicit Descent(PositionStack &tasks) : tasks_(tasks) {
+    const int n = int(tasks.n());
+    for (double damping : LADDER) {
+      Options options;
+      options.n = n;
+      options.damping.damping = damping;
+      options.uniform = false;
+      options.fast = true;
+      solvers_.emplace_back(options);
+    }
+  }
+
+  Clock::time_point stop;
+
+  bool out_of_time() const { return Clock::now() > stop; }
+  void begin() { steps_ = 0; }
+
+  // Reduce the first levels together; in turn if they cannot be met together.
+  void approach(Point &point, size_t needed) {
+    reduce(point, 0, needed, false);
+    if (needed > 1 && point.cost(0, needed) > MET)
+      for (size_t l = 0; l < needed; ++l) reduce(point, l, l + 1, false);
+  }
+
+  // Reduce all levels in turn.
+  void finish(Point &point) {
+    for (int i = 0; i < ROUNDS; ++i) {
+      bool moved = false;
+      for (size_t l = 0; l < point.levels.size(); ++l) moved |= reduce(point, l, l + 1, true);
+      if (!moved) break;
+    }
+  }
+
+ private:
+  // Reduce the cost of the levels `first` to `last` − 1; a patient descent goes on while
+  // there is any progress. Whether the point has moved.
+  bool reduce(Point &point, size_t first, size_t last, bool patient) {
+    double radius = FIRST_RADIUS, cost = point.cost(first, last);
+    int slow = 0;
+    size_t rung = FIRST_RUNG;
+    bool moved = false;
+    std::vector<double> kept(point.costs.begin(), point.costs.begin() + long(first));
+    for (double &each : kept) each = each * (1.0 + SLACK) + KEPT;
+    while (cost > MET && steps_ < MOST_STEPS && !out_of_time()) {
+      ++steps_;
+      const double *step = solve(point, last, radius, rung);
+      double left = 0.0;
+      for (size_t l = first; l < last; ++l)
+        left += linear_cost(point.levels[l], point.errors[l], step, scratch_);
+      const double reduction = cost - left;
+      if (reduction <= (patient ? LAST_REDUCTION : LEAST_REDUCTION) * cost) break;
+      double longest = 0.0;
+      for (size_t j = 0; j < tasks_.n(); ++j) longest = std::max(longest, std::fabs(step[j]));
+      tasks_.move(point, step, trial_);
+      correct(point, first);
+      const double after = trial_.cost(first, last);
+      const double gain = holds(trial_, kept) ? (cost - after) / reduction : -1.0;
+      if (!(gain > LEAST_GAIN)) {
+        radius = SHRINK * longest;
+        rung = std::min(rung + 1, std::size(LADDER) - 1);
+        if (radius < LEAST_RADIUS) break;
+        continue;
+      }
+      if (gain > WELL_PREDICTED) {
+        radius = std::min(GROW * radius, LARGEST_RADIUS);
+        if (rung > 0) --rung;
+      }
+      slow = after > STALLED * cost ? slow + 1 : 0;
+      std::swap(point, trial_);
+      cost = after;
+      moved = true;
+      if (slow == STALLED_STEPS && !patient) break;
+    }
+    return moved;
+  }
+
+  // The change of the positions for the first levels; valid until the next one.
+  const double *solve(const Point &point, size_t count, double radius, size_t rung) {
+    Solver &solver = solvers_[rung];
+    const size_t n = tasks_.n();
+    solver.begin();
+    solver.levels.assign(point.levels.begin(), point.levels.begin() + long(count));
+    solver.memory.assign(count, 0.0);
+    double *lower = solver.arena.take(n), *upper = solver.arena.take(n);
+    for (size_t j = 0; j < n; ++j) {
+      lower[j] = std::min(std::max(tasks_.to_lower(point, j), -radius), 0.0);
+      upper[j] = std::max(std::min(tasks_.to_upper(point, j), radius), 0.0);
+    }
+    solver.solve(lower, upper, 0.0, nullptr);
+    return solver.x;
+  }
+
+  // Lead the trial back to where the first levels cost what they did before.
+  void correct(const Point &before, size_t count) {
+    std::vector<double> allowed(before.costs.begin(), before.costs.begin() + long(count));
+    for (double &each : allowed) each = std::max(each, MET);
+    for (int i = 0; i < CORRECTIONS && !holds(trial_, allowed); ++i) {
+      const double *step = solve(trial_, count, LARGEST_RADIUS, 0);
+      tasks_.move(trial_, step, corrected_);
+      std::swap(trial_, corrected_);
+    }
+  }
+
+  // Whether the first levels cost at most so much.
+  static bool holds(const Point &point, const std::vector<double> &most) {
+    for (size_t l = 0; l < most.size(); ++l)
+      if (!(point.costs[l] <= most[l])) return false;
+    return true;
+  }
+
+  PositionStack &tasks_;
+  std::vector<Solver> solvers_;
+  Point trial_, corrected_;
+  Arena scratch_;
+  int steps_ = 0;
+};
+
+}  // namespace

@@ -1,0 +1,74 @@
+// Copyright 2026 tp_controller contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Levels of groups of tasks.
+// Reference: tp_controller/tasks/stack.py
+
+#pragma once
+
+#include "level.h"
+#include "task.h"
+
+namespace {
+
+// The tasks of a level; none for one that Python evaluates.
+using Group = std::vector<Task *>;
+
+inline size_t copy_rows(const Level &from, double *J, double *v, double *most) {
+  if (from.is_identity)
+    for (int i = 0; i < from.n; ++i)
+      for (int j = 0; j < from.n; ++j) J[size_t(i) * from.n + j] = i == j ? 1.0 : 0.0;
+  else
+    std::copy(from.J, from.J + size_t(from.m) * from.n, J);
+  const double *least = from.bounded ? from.lower : from.v;
+  std::copy(least, least + from.m, v);
+  if (from.bounded) std::copy(from.upper, from.upper + from.m, most);
+  return size_t(from.m);
+}
+
+// Add the level of a group, the rows of its tasks one below the other, and the evaluations of its
+// tasks; `given`, from `next` on: levels of tasks that Python evaluates. False where the reference
+// has to.
+bool join(Arena &arena, const Situation &at, const Group &group, const std::vector<Level> &given,
+          size_t &next, std::vector<Level> &levels, std::vector<Rows> &evaluations) {
+  const int n = at.motion->n;
+  size_t m = 0, one = next;
+  for (const Task *task : group) m += size_t(task ? task->rows() : given[one++].m);
+  const Task *first = group[0];
+  const Level *other = first ? nullptr : &given[next];
+  const bool bounded = first ? first->bounded() : other->bounded;
+  const bool identity = group.size() == 1 && first->is_identity();
+  double *J = identity ? nullptr : arena.take(m * n), *error = arena.take(m);
+  double *v = arena.take(m), *most = bounded ? arena.take(m) : nullptr;
+  levels.push_back({int(m), n, bounded, first ? first->scale() : other->scale, identity, J,
+                    bounded ? nullptr : v, bounded ? v : nullptr, most});
+  for (Task *task : group) {
+    size_t rows;
+    if (task) {
+      const Rows out = {error, J, v, v, most};
+      if (!task->evaluate(at, out)) return false;
+      evaluations.push_back(out);
+      rows = size_t(task->rows());
+    } else {
+      rows = copy_rows(given[next++], J, v, most);
+    }
+    if (J) J += rows * n;
+    error += rows;
+    v += rows;
+    if (most) most += rows;
+  }
+  return true;
+}
+
+}  // namespace

@@ -1,0 +1,167 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Descent from a configuration to one nearby at which the errors of a stack are least.
+
+A step is the solution of the hierarchy of all levels for the change x of the positions, within a
+trust region: J x brings each error to zero as far as the levels above allow, |x_j| ≤ Δ, and the
+position limits hold. It is accepted if the cost falls by a sufficient share of what the constant J
+predicts. Otherwise Δ shrinks, and the damping λ grows (Nocedal and Wright, Numerical Optimization,
+4.1 and 10.3).
+
+Levels that can be met together are reduced together. After that each level is reduced in turn,
+on the configurations that leave those above it as they are: these curve, so steps of the levels
+above alone lead back to them (a second-order correction, ibid. 18.3).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.positions.position_stack import linear_cost, Point, PositionStack
+from tp_controller.solver.damping import Damping
+from tp_controller.solver.solve import PrioritySolver, solve_cycle
+
+# Cost up to which a level is met: an error of 3e-7 m or rad.
+MET = 1e-13
+# Cost by which levels above a reduced one may grow: an error of 1e-6 m or rad.
+KEPT = 1e-12
+# Relative part of its cost by which a level that is not met may grow while others are reduced.
+SLACK = 1e-6
+# Damping λ of the steps, the least first.
+LADDER = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+FIRST_RUNG = 1
+# Trust region Δ: first, largest, and where a descent ends [rad or m].
+FIRST_RADIUS, LARGEST_RADIUS, LEAST_RADIUS = 0.6, 1.5, 1e-5
+# Share of the predicted reduction from which a step is accepted, and from which Δ grows.
+LEAST_GAIN, WELL_PREDICTED = 0.05, 0.7
+SHRINK, GROW = 0.35, 2.0
+# Share of the cost below which the reduction of a step ends a descent, at first and at the end.
+LEAST_REDUCTION, LAST_REDUCTION = 1e-4, 1e-8
+# Number of steps in a row, each leaving more than this share of the cost, that make a dead end.
+STALLED, STALLED_STEPS = 0.7, 7
+# Most steps back to the levels above.
+CORRECTIONS = 4
+# Most steps of a descent, and most rounds over its levels.
+MOST_STEPS, ROUNDS = 200, 3
+
+
+class Judged(NamedTuple):
+    """Levels whose cost a step has to reduce, `first` to `last` − 1; those above are kept."""
+
+    first: int
+    last: int
+
+    def cost(self, costs: list[float]) -> float:
+        """Return the cost of these levels."""
+        return sum(costs[self.first:self.last])
+
+
+class Descent:
+    """
+    Descent of a stack at positions.
+
+    Parameters
+    ----------
+    tasks : PositionStack
+    robot : Robot
+    out_of_time : callable () -> bool
+
+    """
+
+    def __init__(self, tasks: PositionStack, robot: Robot,
+                 out_of_time: Callable[[], bool]) -> None:
+        self._tasks, self.out_of_time = tasks, out_of_time
+        self._lower, self._upper = robot.lower, robot.upper
+        self._solvers = [PrioritySolver(robot.n, Damping(damping), None, 'redistribute')
+                         for damping in LADDER]
+        self._steps = 0
+
+    def begin(self) -> None:
+        """Begin a descent, with all its steps left."""
+        self._steps = 0
+
+    def approach(self, point: Point, needed: int) -> Point:
+        """Reduce the first `needed` levels together; in turn if they cannot be met together."""
+        whole = Judged(0, needed)
+        point = self._reduce(point, whole, False)
+        if needed > 1 and whole.cost(point.costs) > MET:
+            for level in range(needed):
+                point = self._reduce(point, Judged(level, level + 1), False)
+        return point
+
+    def finish(self, point: Point) -> Point:
+        """Reduce all levels in turn."""
+        for _ in range(ROUNDS):
+            before = point
+            for level in range(len(point.levels)):
+                point = self._reduce(point, Judged(level, level + 1), True)
+            if point is before:
+                break
+        return point
+
+    def _reduce(self, point: Point, judged: Judged, patient: bool) -> Point:
+        """Reduce the cost of some levels; a patient descent goes on as long as it falls."""
+        radius, rung, slow = FIRST_RADIUS, FIRST_RUNG, 0
+        least = LAST_REDUCTION if patient else LEAST_REDUCTION
+        kept = [cost * (1.0 + SLACK) + KEPT for cost in point.costs[:judged.first]]
+        cost = judged.cost(point.costs)
+        while cost > MET and self._steps < MOST_STEPS and not self.out_of_time():
+            self._steps += 1
+            step = self._step(point, judged.last, radius, rung)
+            reduction = cost - sum(
+                linear_cost(level, error, step) for level, error in zip(
+                    point.levels[judged.first:judged.last],
+                    point.errors[judged.first:judged.last]))
+            if reduction <= least * cost:
+                break
+            trial = self._correct(self._tasks.moved(point, step), point, judged.first)
+            after = judged.cost(trial.costs)
+            gain = (cost - after) / reduction if _holds(trial, kept) else -1.0
+            if gain <= LEAST_GAIN:
+                radius = SHRINK * float(np.abs(step).max())
+                rung = min(rung + 1, len(LADDER) - 1)
+                if radius < LEAST_RADIUS:
+                    break
+                continue
+            if gain > WELL_PREDICTED:
+                radius, rung = min(GROW * radius, LARGEST_RADIUS), max(rung - 1, 0)
+            slow = slow + 1 if after > STALLED * cost else 0
+            point, cost = trial, after
+            if slow == STALLED_STEPS and not patient:
+                break
+        return point
+
+    def _step(self, point: Point, count: int, radius: float, rung: int) -> Array:
+        """Return the change (n,) of the positions for the first `count` levels."""
+        lower = np.minimum(np.maximum(self._lower - point.positions, -radius), 0.0)
+        upper = np.maximum(np.minimum(self._upper - point.positions, radius), 0.0)
+        return solve_cycle(point.levels[:count], lower, upper, self._solvers[rung], 0.0).velocity
+
+    def _correct(self, trial: Point, before: Point, count: int) -> Point:
+        """Return a point nearby at which the first `count` levels cost what they did before."""
+        allowed = [max(cost, MET) for cost in before.costs[:count]]
+        for _ in range(CORRECTIONS):
+            if _holds(trial, allowed):
+                break
+            trial = self._tasks.moved(trial, self._step(trial, count, LARGEST_RADIUS, 0))
+        return trial
+
+
+def _holds(point: Point, most: list[float]) -> bool:
+    """Return whether the first levels cost at most so much."""
+    return all(cost <= limit for cost, limit in zip(point.costs, most))

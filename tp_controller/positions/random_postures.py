@@ -1,0 +1,57 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Random postures of a robot."""
+
+import math
+
+import numpy as np
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+
+# Range of a joint without limits, and of each velocity of a base about the start [rad or m].
+FREE_RANGE, BASE_RANGE = math.pi, 1.0
+
+
+def random_postures(robot: Robot, start: Array, generator: np.random.Generator, count: int
+                    ) -> Array:
+    """
+    Return random configurations (count, nq): joints within their limits, a base about `start`.
+
+    Parameters
+    ----------
+    robot : Robot
+        Robot with the limits.
+    start : ndarray (nq,)
+        Configuration [rad or m].
+    generator : numpy.random.Generator
+        Source of the numbers.
+    count : int
+        Number of configurations.
+
+    """
+    columns, rows = robot.joint_columns, robot.joint_rows
+    lower, upper = robot.lower[columns], robot.upper[columns]
+    drawn = generator.uniform(np.where(np.isfinite(lower), lower, -FREE_RANGE),
+                              np.where(np.isfinite(upper), upper, FREE_RANGE),
+                              (count, len(lower)))
+    if not robot.moves:
+        return drawn
+    found = np.empty((count, robot.nq))
+    for q, joints in zip(found, drawn):
+        velocity = np.zeros(robot.n)
+        velocity[:columns.start] = generator.uniform(-BASE_RANGE, BASE_RANGE, columns.start)
+        q[:] = robot.integrate(start, velocity, 1.0)
+        q[rows] = joints
+    return found

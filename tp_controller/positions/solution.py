@@ -1,0 +1,66 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Configuration that a search has found, with the reports of its tasks."""
+
+from collections.abc import Mapping
+from functools import cached_property
+
+from tp_controller.control.task_report import TaskReport
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, read_only
+from tp_controller.positions.search import Attempts
+from tp_controller.positions.verdict import reports_at
+from tp_controller.tasks.goal_holder import Goal
+from tp_controller.tasks.stack import Stack
+
+# Error up to which a goal counts as reached [m or rad].
+GOAL_TOLERANCE = 1e-6
+
+
+class PositionSolution:
+    """
+    Configuration at which a stack is carried out as well as its order allows.
+
+    Attributes
+    ----------
+    q : ndarray (nq,)
+        Configuration, within the position limits [rad or m].
+    reached : bool
+        Every task with a given goal is at it, and every inequality task above these is satisfied,
+        within ``GOAL_TOLERANCE``.
+    attempts : int
+        Number of descents.
+
+    """
+
+    def __init__(self, robot: Robot, stack: Stack, goals: Mapping[str, Goal], found: Attempts,
+                 reached: bool, passive: Array) -> None:
+        self.q, self.reached, self.attempts = read_only(found.q), reached, found.descents
+        self._robot, self._stack, self._goals, self._passive = robot, stack, goals, passive
+
+    @cached_property
+    def tasks(self) -> tuple[TaskReport, ...]:
+        """
+        Return a `TaskReport` for every task of the stack, in order of priority.
+
+        It has the error at `q`, and causes and hint for what is missing, without limits of
+        velocities. `TaskReport.reached` uses the tolerance of the task. Tasks that are disabled,
+        or demand a velocity, are left out.
+        """
+        return reports_at(self._robot, self._stack, self._goals, self.q, self._passive)
+
+    def __repr__(self) -> str:
+        """Return the configuration, and whether the goals are reached."""
+        return f'PositionSolution(q={self.q.tolist()}, reached={self.reached})'

@@ -1,0 +1,264 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inverse kinematics of a stack, in one call."""
+
+from collections.abc import Mapping, Sequence
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller.errors import GoalError, unknown
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.positions.choice import CRITERIA, unwound, whole_turns
+from tp_controller.positions.compiled import Searches
+from tp_controller.positions.descent import MET
+from tp_controller.positions.options import SearchOptions
+from tp_controller.positions.position_stack import PositionStack
+from tp_controller.positions.random_postures import random_postures
+from tp_controller.positions.search import Attempts, is_better
+from tp_controller.positions.solution import GOAL_TOLERANCE, PositionSolution
+from tp_controller.tasks.goal_holder import Goal
+from tp_controller.tasks.stack import check_type, Stack
+from tp_controller.tasks.task import Task
+from tp_controller.tasks.task_errors import accept
+
+# Largest number of descents in one call of the core.
+ATTEMPTS_OF_A_CALL = 1000
+# Configurations of which the nearest is chosen if the first descent finds none.
+NEAREST_OF = 3
+
+
+class PositionSolver:
+    """
+    Inverse kinematics of a stack: configurations at which its goals are reached.
+
+    Every level has the least error that the levels above it allow, within the position limits.
+    The stack is not changed, and a controller may be using it.
+
+    Parameters
+    ----------
+    robot : Robot
+    stack : Stack
+        Tasks, the highest priority first. Gains are ignored. Tasks that demand or limit a
+        velocity are left out, and so are disabled ones.
+
+    Raises
+    ------
+    StackError
+        `stack` is not a `Stack`.
+
+    """
+
+    def __init__(self, robot: Robot, stack: Stack) -> None:
+        self._robot, self._tasks = robot, PositionStack(robot, check_type(stack))
+        self._searches = Searches(robot, self._tasks)
+        self._passive = robot.passive_neutral
+        self._own_goals = {
+            task.name: None if task.has_default_goal else task.goal
+            for task in self._tasks.stack.active_tasks}
+        # Names of the tasks with goals of the present call, and number of levels with them.
+        self._named: set[str] = set()
+        self._needed = 0
+
+    def solve(self, goals: Mapping[str, Goal] | None = None, start: ArrayLike | None = None, *,
+              attempts: int = 40, timeout: float = 0.05, seed: int = 0,
+              criterion: str = 'nearest', passive: ArrayLike | None = None) -> PositionSolution:
+        """
+        Return a configuration at which goals are reached, or the best one that was found.
+
+        A descent leads from `start` to where the errors are least. Until the goals are reached,
+        others follow from random postures.
+
+        Parameters
+        ----------
+        goals : dict, optional
+            {task: goal}, as `Controller.set_goal` takes them, in the reference frame of the task;
+            by default the goals in the stack. A task without a goal keeps its value at `start`.
+        start : array_like (nq,), optional
+            Configuration [rad or m]; `Robot.neutral` by default.
+        attempts : int
+            Largest number of descents, 1 to 10,000.
+        timeout : float
+            Time after which the best configuration so far is returned [s].
+        seed : int
+            Seed of the random postures: calls with equal arguments have equal results unless the
+            timeout ends them.
+        criterion : str
+            Choice among configurations that reach the goals. ``nearest``: the one that `start`
+            leads to; if there is none, the nearest of three. ``manipulability`` and ``limits``:
+            of all attempts the one with the largest manipulability of the first level with a
+            goal, or the one that is farthest from position limits.
+        passive : array_like (p,), optional
+            Positions of the passive joints [rad or m]; those of the last call by default, at
+            first zero, or as near to it as their limits allow.
+
+        Returns
+        -------
+        PositionSolution
+
+        Raises
+        ------
+        GoalError
+            A task is unknown or has no position, or its goal is not valid.
+        RobotError
+            `start` or `passive` has the wrong shape or is not finite.
+        SettingsError
+            Another argument is out of range.
+        EvaluationError
+            A task fails.
+
+        """
+        options = SearchOptions(attempts, timeout, seed, criterion)
+        end = time.perf_counter() + timeout
+        begin = self._begin(goals, start, passive)
+        found = [unwound(self._tasks, each, begin) for each in self._search(begin, options, end)]
+        best = found[0] if len(found) == 1 else min(
+            found, key=lambda each: CRITERIA[criterion](self._tasks, each.q, begin))
+        return self._solution(best)
+
+    def solve_directly(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
+                       timeout: float, passive: ArrayLike | None = None
+                       ) -> dict[int, PositionSolution]:
+        """
+        Return, by their index, the results for goals that the first descent reaches.
+
+        They are those of `solve` with the criterion ``nearest``, but all in one call of the core,
+        which other threads need not wait for. Where the core cannot do that there are none.
+
+        Parameters
+        ----------
+        goals : dict
+            {task: goals}, the same number for all tasks.
+        starts : ndarray (nq,) or (count, nq), or None
+            Configuration for all, or for each [rad or m].
+        timeout : float
+            Time of each [s].
+        passive : array_like (p,), optional
+            See `solve`.
+
+        """
+        each_its_own = starts is not None and starts.ndim == 2
+        begin = self._begin({name: given[0] for name, given in goals.items()},
+                            starts[0] if starts is not None and each_its_own else starts, passive)
+        if each_its_own and self._named != self._tasks.stack.tasks.keys():
+            # Other tasks keep their values at the start.
+            return {}
+        parsed = {name: [self._parsed(name, goal) for goal in given]
+                  for name, given in goals.items()}
+        if not all(isinstance(goal, np.ndarray) for given in parsed.values() for goal in given):
+            return {}
+        begins = begin[np.newaxis]
+        if starts is not None and each_its_own:
+            begins = np.array([self._tasks.within_limits(each) for each in starts])
+        found = self._searches.find_each(
+            {name: np.array(given) for name, given in parsed.items()}, begins, self._needed,
+            timeout)
+        if found is None:
+            return {}
+        qs, costs = found
+        direct = (costs[:, :self._needed].sum(axis=1) <= MET) & ~whole_turns(
+            self._robot, qs, begins).any(axis=1)
+        return {index: self._solution(
+            Attempts(qs[index], costs[index].tolist(), 1),
+            {name: given[index] for name, given in parsed.items()})
+            for index in np.flatnonzero(direct).tolist()}
+
+    def _begin(self, goals: Mapping[str, Goal] | None, start: ArrayLike | None,
+               passive: ArrayLike | None) -> Array:
+        """Set the goals and passive positions, and return the start (nq,), within the limits."""
+        if goals is not None and not isinstance(goals, Mapping):
+            raise GoalError(f'goals needs a mapping, such as {{"tool": pose}}, not {goals!r}')
+        state = self._tasks.place(self._robot.neutral() if start is None else start,
+                                  self._passive if passive is None else passive)
+        if passive is not None:
+            self._passive = np.array(passive, dtype=float)
+        stack = self._tasks.stack
+        for task in stack.active_tasks:
+            self._restore(task)
+        for name, goal in (goals or {}).items():
+            parsed = self._parsed(name, goal)
+            accept(stack.tasks[name], stack.tasks[name].set_goal, parsed, 0.0)
+        self._named = set(goals or ()) or {
+            name for name, goal in self._own_goals.items() if goal is not None}
+        self._needed = max((level for level, group in enumerate(self._tasks.groups, 1)
+                            if any(task.name in self._named for task in group)), default=0)
+        stack.start(state)
+        self._searches.begin(None if passive is None else self._passive)
+        return self._tasks.within_limits(state.q)
+
+    def _restore(self, task: Task) -> None:
+        """Restore the goal that a task has in the stack, if a call has changed it."""
+        own = self._own_goals[task.name]
+        if task.goal is not own:
+            task.forget_goal()
+            if own is not None:
+                task.set_goal(own, 0.0)
+
+    def _parsed(self, name: str, goal: Goal) -> Goal:
+        """Return the goal of a task in internal form, or raise `GoalError`."""
+        tasks = self._tasks.stack.tasks
+        if name not in tasks:
+            raise GoalError(unknown('task with a position', name, tasks))
+        return accept(tasks[name], tasks[name].parse_goal, goal)
+
+    def _search(self, begin: Array, options: SearchOptions, end: float) -> list[Attempts]:
+        """Return configurations that meet the needed levels; if there is none, the best one."""
+        needed, attempts, generator = self._needed, options.attempts, None
+        best = self._searches.find(begin[np.newaxis], needed, end)
+        met = [best] if sum(best.costs[:needed]) <= MET else []
+        count, most = 1, attempts
+        if options.criterion == 'nearest':
+            most = 1 if met else NEAREST_OF
+        while len(met) < most and count < attempts and time.perf_counter() < end:
+            generator = generator or np.random.default_rng(options.seed)
+            more = self._searches.find(random_postures(
+                self._robot, begin, generator, min(attempts - count, ATTEMPTS_OF_A_CALL)),
+                needed, end)
+            count += more.descents
+            if sum(more.costs[:needed]) <= MET:
+                met.append(more)
+            elif is_better(more.costs[:needed], best.costs[:needed]):
+                best = more
+        return [self._finish(each, end)._replace(descents=count) for each in met or [best]]
+
+    def _finish(self, found: Attempts, end: float) -> Attempts:
+        """Return the configuration after the descent of all levels that are left."""
+        if self._needed == len(found.costs) and sum(found.costs) <= MET:
+            return found
+        return self._searches.finish(found, end)
+
+    def _solution(self, found: Attempts, goals: Mapping[str, Goal] | None = None
+                  ) -> PositionSolution:
+        """Return a result, with goals in place of those that tasks have now."""
+        tasks = self._tasks.stack.active_tasks
+        return PositionSolution(
+            self._robot, self._tasks.stack, {task.name: task.goal for task in tasks}
+            | dict(goals or {}), found, self._is_reached(found), self._passive)
+
+    def _is_reached(self, found: Attempts) -> bool:
+        """Return whether the needed levels are met, as far as they have given goals or bounds."""
+        if sum(found.costs[:self._needed]) <= MET:
+            return True
+        return all(float(np.abs(each.error).max(initial=0.0)) <= GOAL_TOLERANCE
+                   for group in self._tasks.at(found.q).evaluations[:self._needed]
+                   for each in group if each.task.bounded or each.task.name in self._named)
+
+
+def solve_position(robot: Robot, stack: Stack, goals: Mapping[str, Goal] | None = None,
+                   start: ArrayLike | None = None, **options: Any) -> PositionSolution:
+    """Return the result of `PositionSolver.solve`, for one set of goals; see there."""
+    return PositionSolver(robot, stack).solve(goals, start, **options)

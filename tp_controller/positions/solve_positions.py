@@ -1,0 +1,117 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inverse kinematics of many goals, on several threads."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tp_controller.errors import GoalError, RobotError, SettingsError
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array
+from tp_controller.positions.options import options_of
+from tp_controller.positions.solution import PositionSolution
+from tp_controller.positions.solve_position import PositionSolver
+from tp_controller.tasks.goal_holder import Goal
+from tp_controller.tasks.stack import Stack
+
+# Goals of a thread at a time: so many that threads seldom wait for each other.
+GOALS_OF_A_CALL = 50
+
+
+def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
+                    start: ArrayLike | None = None, jobs: int = -1, **options: Any
+                    ) -> list[PositionSolution]:
+    """
+    Return the results of `PositionSolver.solve` for many goals; each is that of a single call.
+
+    Parameters
+    ----------
+    robot : Robot
+        Robot of the tasks.
+    stack : Stack
+        Tasks; see `PositionSolver`.
+    goals : dict
+        {task: goals}, one for each result, such as an array (N, 7) or (N, 4, 4) for poses.
+    start : array_like (nq,) or (N, nq), optional
+        Configuration for all, or for each, where the first descent starts [rad or m].
+    jobs : int
+        Number of threads; −1: one for each processor.
+    **options
+        Other arguments of `PositionSolver.solve`, the same for all.
+
+    Returns
+    -------
+    list of PositionSolution
+        In the order of the goals.
+
+    Raises
+    ------
+    GoalError
+        The numbers of goals differ, or a goal is not valid; see `PositionSolver.solve`.
+    RobotError, SettingsError
+        See there.
+
+    """
+    count = _count(goals)
+    starts = None if start is None else np.asarray(start, dtype=float)
+    if starts is not None and starts.ndim == 2 and len(starts) != count:
+        raise RobotError(f'start needs one configuration, or {count}, got {len(starts)}')
+    if not isinstance(jobs, int) or isinstance(jobs, bool) or jobs == 0 or jobs < -1:
+        raise SettingsError([f'jobs must be a whole number from 1, or -1, not {jobs!r}'])
+    threads = len(os.sched_getaffinity(0)) if jobs == -1 else jobs
+    chunks = [range(first, min(first + GOALS_OF_A_CALL, count))
+              for first in range(0, count, GOALS_OF_A_CALL)]
+    with ThreadPoolExecutor(threads) as pool:
+        return [found for chunk in pool.map(
+            lambda chunk: _solve(robot, stack, goals, starts, chunk, options), chunks)
+            for found in chunk]
+
+
+def _solve(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
+           starts: Array | None, chunk: range, options: dict[str, Any]
+           ) -> list[PositionSolution]:
+    """Return the results for some of the goals."""
+    solver, first = PositionSolver(robot, stack), chunk.start
+
+    def started(index: int | slice) -> Array | None:
+        return starts if starts is None or starts.ndim < 2 else starts[index]
+
+    checked = options_of({name: value for name, value in options.items() if name != 'passive'})
+    found = {}
+    if checked.criterion == 'nearest':
+        found = solver.solve_directly(
+            {name: given[first:chunk.stop] for name, given in goals.items()},
+            started(slice(first, chunk.stop)), checked.timeout, options.get('passive'))
+    return [found.get(index - first) or solver.solve(
+        {name: given[index] for name, given in goals.items()},
+        started(index), **options) for index in chunk]
+
+
+def _count(goals: Mapping[str, Sequence[Goal]]) -> int:
+    """Return the number of goals of each task, or raise `GoalError`."""
+    try:
+        counts = {name: len(given) for name, given in goals.items()}
+    except (AttributeError, TypeError) as error:
+        raise GoalError('goals need a mapping of tasks to sequences of goals, such as '
+                        f'{{"tool": poses}}: {error}') from error
+    if len(set(counts.values())) != 1:
+        raise GoalError('goals needs one number of goals for all tasks, got '
+                        + (', '.join(f'{name}: {count}' for name, count in counts.items())
+                           or 'no task'))
+    return next(iter(counts.values()))

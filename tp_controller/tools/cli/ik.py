@@ -1,0 +1,216 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tp_controller ik``: configurations at which the goals of a stack are reached."""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from tp_controller.errors import RobotError, TpControllerError, unknown
+from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.goal_table import GoalTable, parse_goals, read_table
+from tp_controller.tools.cli.robot_arguments import add_robot_arguments, refuse
+from tp_controller.tools.cli.values import positive_number, whole_count, whole_number
+from tp_controller.tools.files import new_file
+from tp_controller.tools.progress import progress
+
+if TYPE_CHECKING:  # Imported with the first solution: the help does not need it.
+    from tp_controller.model.robot import Robot
+    from tp_controller.positions.solution import PositionSolution
+    from tp_controller.tasks.stack import Stack
+# Goals that are solved between two steps of the progress bar.
+STEP = 200
+EXAMPLES = """\
+examples:
+  tp_controller ik stack.yaml --robot robot.urdf --goal tool=0.4,0.2,0.5,1,0,0,0
+  tp_controller ik stack.yaml --robot robot.urdf --goal tool=0.4,0.2,0.5 --start joint4=-2
+  tp_controller ik --params-file controller.yaml --csv goals.csv --output found.csv
+
+A goal is x,y,z, a quaternion qx,qy,qz,qw, both, or {joint: position, …}, in m and rad. A table
+(--csv) has a line for each search, and columns tool.x, tool.y, … or posture.joint4; start.joint4
+is where it starts.
+
+Exit status: 0 all goals are reached, 1 some are not, 2 an argument is not valid.
+"""
+
+
+def add_ik_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to its parser."""
+    add_robot_arguments(parser)
+    goals = parser.add_mutually_exclusive_group()
+    goals.add_argument('--goal', action='append', default=[], metavar='TASK=NUMBERS',
+                       help='goal of a task; once for each (default: the goals in the stack)')
+    goals.add_argument('--csv', type=Path, metavar='FILE', help='goals of many searches')
+    parser.add_argument('--start', action='append', default=[], metavar='JOINT=POSITION',
+                        help='position where the search starts; once for each joint (default: as '
+                        'near to zero as the limits allow)')
+    parser.add_argument('--attempts', type=whole_count, default=40, metavar='N',
+                        help='most descents of a search: the first from the start, the others '
+                        'from random postures (default: 40)')
+    parser.add_argument('--timeout', type=positive_number, default=1.0, metavar='SECONDS',
+                        help='longest time of a search (default: 1)')
+    parser.add_argument('--seed', type=whole_number, default=0, help='of the random postures '
+                        '(default: 0)')
+    parser.add_argument('--criterion', default='nearest',
+                        choices=('nearest', 'manipulability', 'limits'),
+                        help='which of several solutions: the nearest to the start, that where '
+                        'the first task can move best, or that farthest from position limits '
+                        '(default: nearest)')
+    parser.add_argument('--jobs', type=whole_count, metavar='N',
+                        help='threads (default: as many as there are processors)')
+    parser.add_argument('--output', type=Path, metavar='FILE',
+                        help='write the configurations as a table (.csv), or all results (.json)')
+
+
+def run_ik(options: argparse.Namespace) -> int:
+    """
+    Search for configurations, and print them.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of the arguments that `add_ik_arguments` adds.
+
+    Returns
+    -------
+    int
+        0 if all goals are reached, 1 if some are not, 2 if an argument is not valid.
+
+    """
+    from tp_controller.tools.check.parameter_file import read, Refused
+    if options.output and options.output.suffix not in ('.csv', '.json'):
+        return refuse(f'{options.output}: needs the ending .csv or .json')
+    if options.output and not options.output.absolute().parent.is_dir():
+        return refuse(f'{options.output}: there is no folder {options.output.parent}')
+    try:
+        given = read(options.params_file, options.stack, options.robot, options.base, None,
+                     options.joints)
+        table = read_table(options.csv) if options.csv else None
+        if table is None:
+            goals = parse_goals(options.goal)
+            table = GoalTable({task: [goal] for task, goal in goals.items()}, [{}])
+        found = _solve(given.robot, given.stack, table, options)
+    except Refused as error:
+        return refuse('; '.join(' '.join(each) for each in error.messages()))
+    except TpControllerError as error:
+        return refuse(str(error))
+    print(_text(given.robot, found))
+    if options.output:
+        write = _csv if options.output.suffix == '.csv' else _json
+        try:
+            with new_file(options.output) as file:
+                file.write(write(given.robot, found).encode())
+        except (OSError, TpControllerError) as error:
+            return refuse(str(error))
+    return 0 if all(each.reached for each in found) else 1
+
+
+def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.Namespace
+           ) -> list['PositionSolution']:
+    """Return the results for all goals."""
+    import numpy as np
+    from tp_controller.positions.solve_position import solve_position
+    from tp_controller.positions.solve_positions import solve_positions
+    chosen = {'attempts': options.attempts, 'timeout': options.timeout, 'seed': options.seed,
+              'criterion': options.criterion}
+    common = _assigned(options.start)
+    starts = np.array([_start(robot, {**common, **own}) for own in table.starts]).reshape(
+        -1, robot.nq)
+    if not table.goals:
+        return [solve_position(robot, stack, None, start, **chosen) for start in starts]
+    found: list[PositionSolution] = []
+    with progress(len(table.starts), 'solving') as bar:
+        for first in range(0, len(table.starts), STEP):
+            part = slice(first, first + STEP)
+            found += solve_positions(
+                robot, stack, {task: goals[part] for task, goals in table.goals.items()},
+                starts[part], jobs=options.jobs or -1, **chosen)
+            bar.advance(len(starts[part]))
+    return found
+
+
+def _start(robot: 'Robot', positions: dict[str, float]) -> Any:
+    """Return the configuration (nq,) with some joints at given positions."""
+    q = robot.neutral()
+    for name, position in positions.items():
+        if name not in robot.coordinate_names:
+            raise RobotError(unknown('joint', name, robot.coordinate_names))
+        q[robot.coordinate_names.index(name)] = position
+    return q
+
+
+def _assigned(texts: Sequence[str]) -> dict[str, float]:
+    """Return {joint: position} of texts JOINT=POSITION."""
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        try:
+            found[name] = float(value)
+        except ValueError:
+            equals = ''
+        if not equals:
+            raise RobotError(f'--start {text} is not of the form JOINT=POSITION')
+    return found
+
+
+def _text(robot: 'Robot', found: Sequence['PositionSolution']) -> str:
+    """Return the results as text: in full for a single one, else a line for each."""
+    if len(found) != 1:
+        return '\n'.join([*(_line(number, each) for number, each in enumerate(found, 1)),
+                          f'{sum(each.reached for each in found)} of {len(found)} reached'])
+    each, = found
+    width = max(map(len, robot.coordinate_names))
+    lines = [f'{name:{width}} {value: .6f}' for name, value in zip(robot.coordinate_names, each.q)]
+    for task in each.tasks:
+        lines += ['', f'{task.name}: {task.status}, '
+                      + ', '.join(f'error {error:.3g} {unit}' for error, unit, _ in task.errors)]
+        lines += [f'  {text}' for text in (task.reason, task.hint and f'hint: {task.hint}')
+                  if text]
+    return '\n'.join([*lines, '', 'reached' if each.reached else 'not reached'])
+
+
+def _line(number: int, each: 'PositionSolution') -> str:
+    """Return the result of one of several goals as a line."""
+    missing = next((f'{task.name}: {task.reason}' for task in each.tasks if task.reason), '')
+    return f'{number:5} reached' if each.reached else f'{number:5} not reached  {missing}'.rstrip()
+
+
+def _csv(robot: 'Robot', found: Sequence['PositionSolution']) -> str:
+    """Return the configurations as a table with a line for each."""
+    rows = [('reached', *robot.coordinate_names),
+            *((int(each.reached), *map(repr, each.q.tolist())) for each in found)]
+    return ''.join(','.join(map(str, row)) + '\n' for row in rows)
+
+
+def _json(robot: 'Robot', found: Sequence['PositionSolution']) -> str:
+    """Return all results as JSON."""
+    return json.dumps([{
+        'reached': each.reached, 'attempts': each.attempts,
+        'q': dict(zip(robot.coordinate_names, each.q.tolist())),
+        'tasks': [{
+            'name': task.name, 'status': task.status,
+            'errors': {unit: error for error, unit, _ in task.errors},
+            'causes': [cause._asdict() for cause in task.causes],
+            'reason': task.reason, 'hint': task.hint} for task in each.tasks],
+    } for each in found], indent=1) + '\n'
+
+
+COMMAND = Command(
+    'find the configuration at which the goals of a stack are reached',
+    'Find the configuration at which the goals of a stack are reached (inverse kinematics), or '
+    'the nearest one with the reason. No ROS is needed.',
+    EXAMPLES, add_ik_arguments, run_ik)

@@ -1,0 +1,43 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Arguments of commands that read a robot and a stack, without ROS."""
+
+import argparse
+import sys
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of robot and stack to the parser of a command."""
+    parser.add_argument('stack', nargs='?', default='',
+                        help='the stack, as the parameter of the controller: a path, '
+                        'package://<package>/<path> or YAML text (default: that of the parameter '
+                        'file)')
+    parser.add_argument('--robot', default='', metavar='FILE',
+                        help='the robot, as the parameter: URDF, or DH table (.yaml); a path or '
+                        'package://<package>/<path> (default: that of the parameter file)')
+    parser.add_argument('--base', default='', metavar='KIND',
+                        help='how the base moves (default: as in the parameter file, else fixed)')
+    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
+                        help='the parameter file of the node: stack, limits, settings, rate; of '
+                        'several, as of the node, the last one that gives a parameter counts')
+    parser.add_argument('--joints', nargs='+', metavar='JOINT',
+                        help='the joints that are driven (default: as in the parameter file, else '
+                        'all that move)')
+
+
+def refuse(message: str) -> int:
+    """Print the fault of an argument; return the exit status."""
+    print(f'tp_controller: {message}', file=sys.stderr)
+    return 2
