@@ -26,29 +26,17 @@ namespace {
 
 // Constants of the reference.
 constexpr double MET = 1e-13, KEPT = 1e-12, SLACK = 1e-6;
-constexpr double LADDER[] = {0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0};
-constexpr int FIRST_RUNG = 1;
 constexpr double FIRST_RADIUS = 0.6, LARGEST_RADIUS = 1.5, LEAST_RADIUS = 1e-5;
 constexpr double LEAST_GAIN = 0.05, WELL_PREDICTED = 0.7, SHRINK = 0.35, GROW = 2.0;
 constexpr double LEAST_REDUCTION = 1e-4, LAST_REDUCTION = 1e-8;
-constexpr double STALLED = 0.7;
+constexpr double STALLED = 0.7, LEAST_SLOPE = 1e-4;
 constexpr int STALLED_STEPS = 7, CORRECTIONS = 4, MOST_STEPS = 200, ROUNDS = 3;
 
 class Descent {
  public:
   using Clock = std::chrono::steady_clock;
 
-  explicit Descent(PositionStack &tasks) : tasks_(tasks) {
-    const int n = int(tasks.n());
-    for (double damping : LADDER) {
-      Options options;
-      options.n = n;
-      options.damping.damping = damping;
-      options.uniform = false;
-      options.fast = true;
-      solvers_.emplace_back(options);
-    }
-  }
+  explicit Descent(PositionStack &tasks) : tasks_(tasks), solver_(undamped(int(tasks.n()))) {}
 
   Clock::time_point stop;
 
@@ -66,45 +54,47 @@ class Descent {
   void finish(Point &point) {
     for (int i = 0; i < ROUNDS; ++i) {
       bool moved = false;
-      for (size_t l = 0; l < point.levels.size(); ++l) moved |= reduce(point, l, l + 1, true);
+      for (size_t l = 0; l < point.levels.size(); ++l)
+        moved |= tasks_.is_objective(l) ? climb(point, l) : reduce(point, l, l + 1, true);
       if (!moved) break;
     }
   }
 
  private:
+  static Options undamped(int n) {
+    Options options;
+    options.n = n;
+    options.uniform = false;
+    options.fast = true;
+    return options;
+  }
+
   // Reduce the cost of the levels `first` to `last` − 1; a patient descent goes on while
   // there is any progress. Whether the point has moved.
   bool reduce(Point &point, size_t first, size_t last, bool patient) {
     double radius = FIRST_RADIUS, cost = point.cost(first, last);
     int slow = 0;
-    size_t rung = FIRST_RUNG;
     bool moved = false;
-    std::vector<double> kept(point.costs.begin(), point.costs.begin() + long(first));
-    for (double &each : kept) each = each * (1.0 + SLACK) + KEPT;
+    const std::vector<double> kept = kept_costs(point, first);
     while (cost > MET && steps_ < MOST_STEPS && !out_of_time()) {
       ++steps_;
-      const double *step = solve(point, last, radius, rung);
+      const double *step = solve(point, last, radius);
       double left = 0.0;
       for (size_t l = first; l < last; ++l)
         left += linear_cost(point.levels[l], point.errors[l], step, scratch_);
       const double reduction = cost - left;
       if (reduction <= (patient ? LAST_REDUCTION : LEAST_REDUCTION) * cost) break;
-      double longest = 0.0;
-      for (size_t j = 0; j < tasks_.n(); ++j) longest = std::max(longest, std::fabs(step[j]));
+      const double longest = largest(step);
       tasks_.move(point, step, trial_);
       correct(point, first);
       const double after = trial_.cost(first, last);
       const double gain = holds(trial_, kept) ? (cost - after) / reduction : -1.0;
       if (!(gain > LEAST_GAIN)) {
         radius = SHRINK * longest;
-        rung = std::min(rung + 1, std::size(LADDER) - 1);
         if (radius < LEAST_RADIUS) break;
         continue;
       }
-      if (gain > WELL_PREDICTED) {
-        radius = std::min(GROW * radius, LARGEST_RADIUS);
-        if (rung > 0) --rung;
-      }
+      if (gain > WELL_PREDICTED) radius = std::min(GROW * radius, LARGEST_RADIUS);
       slow = after > STALLED * cost ? slow + 1 : 0;
       std::swap(point, trial_);
       cost = after;
@@ -114,20 +104,69 @@ class Descent {
     return moved;
   }
 
+  // Follow the slope of an objective, without a change of the levels above it. Whether the point has
+  // moved.
+  bool climb(Point &point, size_t l) {
+    const int n = int(tasks_.n());
+    const std::vector<double> kept = kept_costs(point, l);
+    double radius = FIRST_RADIUS;
+    bool moved = false;
+    while (steps_ < MOST_STEPS && !out_of_time()) {
+      ++steps_;
+      const double *slope = point.errors[l];
+      const double steepest = largest(slope);
+      if (steepest == 0.0) break;
+      // The slope tells the direction, the region the length.
+      double *demand = point.arena.zeros(size_t(n));
+      add(radius / steepest, slope, demand, n);
+      point.levels[l].v = demand;
+      const double *step = solve(point, l + 1, radius);
+      const double rise = dot(slope, step, n), length = largest(step);
+      if (length < LEAST_RADIUS || rise <= LEAST_SLOPE * steepest * length) break;
+      step = scratch_.copy(step, size_t(n));
+      tasks_.move(point, step, trial_);
+      correct(point, l);
+      // The mean of the slopes at both ends, along the step.
+      const double gain = holds(trial_, kept)
+          ? 0.5 + 0.5 * dot(trial_.errors[l], step, n) / rise : -1.0;
+      scratch_.reset();
+      if (!(gain > LEAST_GAIN)) {
+        radius = SHRINK * length;
+        continue;
+      }
+      if (gain > WELL_PREDICTED) radius = std::min(GROW * radius, LARGEST_RADIUS);
+      std::swap(point, trial_);
+      moved = true;
+    }
+    return moved;
+  }
+
+  double largest(const double *numbers) const {
+    double found = 0.0;
+    for (size_t j = 0; j < tasks_.n(); ++j) found = std::max(found, std::fabs(numbers[j]));
+    return found;
+  }
+
+  // What the first levels may cost while others are reduced.
+  static std::vector<double> kept_costs(const Point &point, size_t count) {
+    std::vector<double> kept(point.costs.begin(), point.costs.begin() + long(count));
+    for (double &each : kept) each = each * (1.0 + SLACK) + KEPT;
+    return kept;
+  }
+
   // The change of the positions for the first levels; valid until the next one.
-  const double *solve(const Point &point, size_t count, double radius, size_t rung) {
-    Solver &solver = solvers_[rung];
+  const double *solve(const Point &point, size_t count, double radius) {
     const size_t n = tasks_.n();
-    solver.begin();
-    solver.levels.assign(point.levels.begin(), point.levels.begin() + long(count));
-    solver.memory.assign(count, 0.0);
-    double *lower = solver.arena.take(n), *upper = solver.arena.take(n);
+    solver_.begin();
+    solver_.levels.assign(point.levels.begin(), point.levels.begin() + long(count));
+    solver_.memory.assign(count, 0.0);
+    double *lower = solver_.arena.take(n), *upper = solver_.arena.take(n);
     for (size_t j = 0; j < n; ++j) {
       lower[j] = std::min(std::max(tasks_.to_lower(point, j), -radius), 0.0);
       upper[j] = std::max(std::min(tasks_.to_upper(point, j), radius), 0.0);
     }
-    solver.solve(lower, upper, 0.0, nullptr);
-    return solver.x;
+    solver_.solve(lower, upper, 0.0, nullptr);
+    return solver_.x;
   }
 
   // Lead the trial back to where the first levels cost what they did before.
@@ -135,7 +174,7 @@ class Descent {
     std::vector<double> allowed(before.costs.begin(), before.costs.begin() + long(count));
     for (double &each : allowed) each = std::max(each, MET);
     for (int i = 0; i < CORRECTIONS && !holds(trial_, allowed); ++i) {
-      const double *step = solve(trial_, count, LARGEST_RADIUS, 0);
+      const double *step = solve(trial_, count, LARGEST_RADIUS);
       tasks_.move(trial_, step, corrected_);
       std::swap(trial_, corrected_);
     }
@@ -149,7 +188,7 @@ class Descent {
   }
 
   PositionStack &tasks_;
-  std::vector<Solver> solvers_;
+  Solver solver_;
   Point trial_, corrected_;
   Arena scratch_;
   int steps_ = 0;

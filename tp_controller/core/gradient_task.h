@@ -26,6 +26,7 @@ class GradientTask : public Task {
   GradientTask(Law law, double max_speed) : Task(std::move(law)), max_speed_(max_speed) {}
 
   bool is_identity() const override { return true; }
+  bool is_objective() const override { return true; }
 
   bool evaluate(const Situation &at, const Rows &out) override {
     const int n = rows();

@@ -47,6 +47,12 @@ class PositionStack {
   size_t nq() const { return motion_->q().size(); }
   const std::vector<Group> &groups() const { return groups_; }
 
+  // Whether a level is made of objectives.
+  bool is_objective(size_t level) const {
+    const Group &group = groups_[level];
+    return std::all_of(group.begin(), group.end(), [](const Task *t) { return t->is_objective(); });
+  }
+
   void set_tasks(Motion &motion, std::vector<Group> groups) {
     motion_ = &motion;
     groups_ = std::move(groups);
@@ -92,7 +98,7 @@ class PositionStack {
     const Level &level = point.levels.back();
     const double *error = level.bounded ? evaluations_[0].error : level.v;
     point.errors.push_back(error);
-    point.costs.push_back(dot(error, error, level.m));
+    point.costs.push_back(is_objective(point.costs.size()) ? 0.0 : dot(error, error, level.m));
   }
 
   // The placement of a base, x, y, z and a quaternion, from its coordinates; false where it is fixed.

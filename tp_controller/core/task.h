@@ -74,6 +74,7 @@ class Task {
   bool scale() const { return law_.scale; }
   virtual bool bounded() const { return false; }
   virtual bool is_identity() const { return false; }
+  virtual bool is_objective() const { return false; }
 
   // Whether the task is one of this robot.
   virtual bool fits(const Motion &motion) const = 0;

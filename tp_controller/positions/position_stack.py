@@ -44,7 +44,7 @@ class Point(NamedTuple):
     errors : list of ndarray
         Error of each level: its demand, or the distance back to its bounds.
     costs : list of float
-        Squared norms of these; 0 where a level is met.
+        Squared norms of these, 0 where a level is met; 0 for objectives.
 
     """
 
@@ -74,6 +74,8 @@ class PositionStack:
     ----------
     groups : tuple of tuple of Task
         Tasks of each level.
+    objectives : tuple of bool
+        Whether a level is made of objectives, which have a slope, not an error; its costs are 0.
     stack : Stack
         Stack of these copies.
 
@@ -85,6 +87,8 @@ class PositionStack:
                   for group in stack.active]
         self.stack = Stack([group for group in groups if group])
         self.groups = self.stack.active
+        self.objectives = tuple([all(task.is_objective for task in group)
+                                 for group in self.groups])
         self._state = robot.state(robot.neutral())
         self._rows, self._columns = robot.joint_rows, robot.joint_columns
         self._lower, self._upper = robot.lower[self._columns], robot.upper[self._columns]
@@ -105,7 +109,8 @@ class PositionStack:
         errors = [_violation(group) if level.v is None else level.v
                   for level, group in zip(levels, evaluations)]
         return Point(state.q, state.positions, evaluations, levels, errors,
-                     [float(error.dot(error)) for error in errors])
+                     [0.0 if objective else float(error.dot(error))
+                      for error, objective in zip(errors, self.objectives)])
 
     def within_limits(self, q: Array) -> Array:
         """Return the configuration (nq,) within the position limits that is nearest to q."""

@@ -80,10 +80,10 @@ class RestingCycle(ReportedCycle):
         return tuple([each for each in found if each.kind not in DAMPINGS]) or found
 
     def _unmet_above(self, index: int) -> Task | None:
-        """Return the last task above an unmet one whose goal is not reached, either; or None."""
+        """Return the first task above an unmet one whose goal is not reached, either; or None."""
         if self.measures(index).reached:
             return None
-        return next((self._tasks[other] for other in reversed(range(index))
+        return next((self._tasks[other] for other in range(index)
                      if not self._tasks[other].bounded and not self.measures(other).reached), None)
 
 

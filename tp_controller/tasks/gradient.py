@@ -60,6 +60,7 @@ class GradientTask(Task):
 
     without = ('timeout',)
     every_joint = True
+    is_objective = True
 
     max_speed: float = yaml_key('largest norm of the desired joint velocities', positive,
                                 DEFAULT_SPEED, unit='rad/s or m/s')

@@ -104,6 +104,8 @@ class Task(KeyHolder):
         frame.
     has_position : bool
         The task has an error at rest; others demand or limit a velocity alone.
+    is_objective : bool
+        The error is the slope of an objective, not the way to a goal; see `GradientTask`.
     frame : str or None
         Frame of the robot that the task is about; None for no frame or several.
     owner : object or None
@@ -119,6 +121,7 @@ class Task(KeyHolder):
     row_scale = 1.0
     every_joint = False
     has_position: ClassVar[bool] = True
+    is_objective: ClassVar[bool] = False
     owner: object = None
     sketch_parts: ClassVar[Mapping[str, bool]] = {}
 

@@ -92,8 +92,32 @@ def test_steps_of_a_descent_are_counted(monkeypatch):
     assert descent.approach(once, 1).costs[0] < once.costs[0]
 
 
-def test_goal_at_a_fold_is_left_behind_with_damping():
-    # Straight up, no step moves the tool towards its base: only a damped one leads away.
+@pytest.mark.parametrize('kind', ['joint_limit_distance', f'manipulability, frame: {TOOL}'])
+def test_objective_has_its_maximum_below_the_tasks_above(kind):
+    text = f'- tool: {{type: pose, frame: {TOOL}}}\n- best: {{type: {kind}}}\n'
+    counted, gained = 0, 0.0
+    for seed in range(6):
+        tasks, descent, point = scene(seed, text)
+        task, tool = (tasks.stack.tasks[name] for name in ('best', 'tool'))
+        robot = tasks.robot
+        tool.goal = tool.value(robot.state(point.q))
+        found = descent.finish(tasks.at(point.q))
+        assert found.costs[0] <= KEPT
+
+        # Along the motion that keeps the pose the demand of the objective is zero.
+        free = (found.q > robot.lower + 1e-6) & (found.q < robot.upper - 1e-6)
+        _, singular, rows = np.linalg.svd(robot.state(found.q).jacobian(TOOL)[:, free])
+        demand = task.error(robot.state(found.q))[free]
+        if free.all() and singular[-1] > 0.02:
+            assert abs(rows[-1] @ demand) <= 1e-3 * np.linalg.norm(demand)
+            counted += 1
+        gained += task.value(robot.state(found.q))[0] - task.value(robot.state(point.q))[0]
+    assert counted
+    assert gained > 0.1
+
+
+def test_goal_at_a_fold_is_reached():
+    # Stretched, no motion leads the tip towards its base at first.
     robot = robots.planar()
     tasks = PositionStack(robot, Stack.from_yaml(
         '- tip: {type: position, frame: link3, axes: xy}\n', robot))

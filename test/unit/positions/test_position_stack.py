@@ -34,8 +34,7 @@ def at_positions(text=TEXT, robot=None):
     """Return the tasks of a stack at positions, started at the ready posture."""
     robot = robot or robots.panda()
     tasks = PositionStack(robot, Stack.from_yaml(text, robot))
-    tasks.start_state = tasks.place(READY, robot.passive_neutral)
-    tasks.stack.start(tasks.start_state)
+    tasks.stack.start(tasks.place(READY[:robot.nq], robot.passive_neutral))
     return tasks
 
 
@@ -97,3 +96,45 @@ def test_stack_is_not_changed_and_nothing_of_the_past_counts():
     again = tasks.at(READY + 0.3)
     assert again.costs == first.costs
     np.testing.assert_array_equal(again.levels[0].lower, first.levels[0].lower)
+
+
+def test_rotation_is_the_shorter_one_wherever_the_one_before_was():
+    robot = robots.planar()
+    tasks = at_positions('- turn: {type: orientation, frame: link3, axes: z}\n', robot)
+    tasks.stack.tasks['turn'].goal = np.eye(3)
+    for angle in (3.1, -3.1, 3.1):
+        assert tasks.at(np.array([angle, 0.0, 0.0])).errors[0][0] == pytest.approx(-angle)
+
+
+def test_far_outside_bounds_the_whole_way_back_counts():
+    robot = robots.cartesian()
+    tasks = at_positions('- cell: {type: keep_in, frame: z, shape: {box: [0.2, 0.2, 0.2]}}\n',
+                         robot)
+    point = tasks.at(np.array([1.6, 0.0, 0.0]))
+    step = np.array([-0.4, 0.0, 0.0])
+    assert point.costs[0] == pytest.approx(1.5 ** 2)
+    assert linear_cost(point.levels[0], point.errors[0], step) == pytest.approx(1.1 ** 2)
+    # One step need not go all the way.
+    assert point.levels[0].upper[point.errors[0] < 0.0] == pytest.approx(-0.5)
+
+
+def test_objectives_have_no_cost():
+    tasks = at_positions('- tool: {type: position, frame: panda_hand_tcp}\n'
+                         '- middle: {type: joint_limit_distance, gain: 0.1}\n'
+                         f'- [agile: {{type: manipulability, frame: {TOOL}}}, '
+                         'more: {type: joint_limit_distance}]\n')
+    assert tasks.objectives == (False, True, True)
+    assert tasks.at(READY + 0.1).costs[1:] == [0.0, 0.0]
+
+
+def test_nothing_but_the_error_is_demanded():
+    robot = robots.cartesian()
+    stack = Stack.from_yaml('- cell: {type: keep_in, frame: z, shape: {box: [0.2, 0.2, 0.2]}, '
+                            'return_speed: 0.01}\n- tip: {type: position, frame: z}\n', robot)
+    stack.tasks['tip'].goal = np.array([0.5, 0.0, 0.0])
+    stack.tasks['tip'].set_feed_forward(np.ones(6), 0.0)
+    tasks = PositionStack(robot, stack)
+    tasks.stack.start(tasks.place(robot.neutral(), robot.passive_neutral))
+    point = tasks.at(np.array([0.3, 0.0, 0.0]))
+    np.testing.assert_allclose(point.levels[1].v, [0.2, 0.0, 0.0], atol=1e-12)
+    assert point.levels[0].upper[point.errors[0] < 0.0] == pytest.approx(-0.2)

@@ -254,6 +254,24 @@ def test_tasks_without_a_given_goal_keep_theirs():
     np.testing.assert_allclose(only.solve(start=start).q, expected, rtol=0.0, atol=1e-6)
 
 
+def test_values_at_the_start_are_those_of_the_present_call():
+    robot = robots.planar()
+    its = PositionSolver(robot, Stack.from_yaml('- posture: {type: posture}\n', robot))
+    for start in ([0.1, 0.2, 0.3], [0.3, -0.2, 0.1]):
+        np.testing.assert_allclose(its.solve(start=start).q, start, atol=1e-9)
+
+
+def test_goal_below_bounds_that_do_not_hold_is_not_reached():
+    robot = robots.panda()
+    stack = Stack.from_yaml(
+        '- cell: {type: keep_in, frame: panda_link1, shape: {box: [0.1, 0.1, 0.1]}}\n' + POSE,
+        robot)
+    goal = pose_at(robot, np.array(robots.PANDA_READY), TOOL)
+    found = solve_position(robot, stack, {'tool': goal}, **PATIENT)
+    assert found.tasks[1].reached
+    assert not found.reached
+
+
 def test_without_goals_those_of_the_stack_count():
     robot = robots.panda()
     text = 'turn: {type: joint, joints: panda_joint1, target: [0.7]}\n'

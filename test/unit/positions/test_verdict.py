@@ -63,3 +63,13 @@ def test_reports_are_those_of_the_goals_of_their_call():
     first = solve_position(robot, stack, {'tip': [2.25, 0.0, 0.0]})
     solve_position(robot, stack, {'tip': [1.0, 0.5, 0.0]})
     assert first.tasks[0].errors[0][0] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_task_that_a_stretched_arm_keeps_waiting_is_blocked_by_what_stretches_it():
+    robot = robots.planar()
+    text = ('- tip: {type: position, frame: link3, axes: xy}\n'
+            '- middle: {type: joint, joints: joint2}\n- last: {type: joint, joints: joint3}\n')
+    found = solve_position(robot, Stack.from_yaml(text, robot), {
+        'tip': [2.25, 0.0, 0.0], 'middle': [0.5], 'last': [0.4]})
+    assert [task.status for task in found.tasks] == ['limited'] * 3
+    assert [task.reason for task in found.tasks[1:]] == ['blocked by tip'] * 2
