@@ -25,6 +25,7 @@ from tp_controller.errors import EvaluationError, in_words, SettingsError
 from tp_controller.model.robot import Robot
 from tp_controller.ros.declarations.spec import TASKS
 from tp_controller.ros.interface.limit_parameters import LimitParameters
+from tp_controller.ros.interface.position_service import PositionService
 from tp_controller.ros.interface.reporter import Reporter
 from tp_controller.ros.interface.task_parameters import TaskParameters
 from tp_controller.ros.interface.task_topics import TaskTopics
@@ -78,6 +79,7 @@ class ControlledRobot:
             closing.callback(self._task_parameters.close)
             self.topics = TaskTopics(node, self.controller, boot_time, log)
             closing.callback(self.topics.close)
+            closing.callback(PositionService(node, self.controller).close)
             reporter.follow(self.controller, self.loop, self.topics)
             self._closing = closing.pop_all()
 
