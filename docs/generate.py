@@ -98,6 +98,9 @@ TOPICS = {
     '~/markers': '[markers](docs/ros.md#markers) of the tasks, for RViz and the browser',
     '~/stop': 'stop the robot until `~/start`, [ramped](docs/safety.md#stops) where told',
     '~/start': 'move again; tasks without a goal take their current value as the goal',
+    '~/solve_position': 'where the goals in force lead, without a motion ([inverse kinematics]'
+                        '(docs/ik.md)): whether all are reached; configuration and reasons as '
+                        'JSON',
     '~/reload': 'read the stack file again; one with faults changes nothing',
     '~/<task>/enable': 'enable (true) or disable (false) a task',
     '/clock': 'simulated time, with `publish_clock`',

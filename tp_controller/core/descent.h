@@ -55,7 +55,7 @@ class Descent {
     for (int i = 0; i < ROUNDS; ++i) {
       bool moved = false;
       for (size_t l = 0; l < point.levels.size(); ++l)
-        moved |= tasks_.is_objective(l) ? climb(point, l) : reduce(point, l, l + 1, true);
+        moved |= tasks_.is_objective(l) ? maximize(point, l) : reduce(point, l, l + 1, true);
       if (!moved) break;
     }
   }
@@ -106,7 +106,7 @@ class Descent {
 
   // Follow the slope of an objective, without a change of the levels above it. Whether the point has
   // moved.
-  bool climb(Point &point, size_t l) {
+  bool maximize(Point &point, size_t l) {
     const int n = int(tasks_.n());
     const std::vector<double> kept = kept_costs(point, l);
     double radius = FIRST_RADIUS;

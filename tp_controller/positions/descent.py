@@ -107,7 +107,7 @@ class Descent:
         for _ in range(ROUNDS):
             before = point
             for level, objective in enumerate(self._tasks.objectives):
-                point = self._climb(point, level) if objective else \
+                point = self._maximize(point, level) if objective else \
                     self._reduce(point, Judged(level, level + 1), True)
             if point is before:
                 break
@@ -144,7 +144,7 @@ class Descent:
                 break
         return point
 
-    def _climb(self, point: Point, level: int) -> Point:
+    def _maximize(self, point: Point, level: int) -> Point:
         """Follow the slope of an objective, without a change of the levels above it."""
         radius = FIRST_RADIUS
         kept = [cost * (1.0 + SLACK) + KEPT for cost in point.costs[:level]]

@@ -25,6 +25,7 @@ from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.stack import levels_of, Stack
 from tp_controller.tasks.task import Evaluation
+from tp_controller.tasks.task_errors import attempt
 
 
 class Point(NamedTuple):
@@ -83,7 +84,7 @@ class PositionStack:
 
     def __init__(self, robot: Robot, stack: Stack) -> None:
         self.robot = robot
-        groups = [[task.at_positions() for task in group if task.has_position]
+        groups = [[attempt(task, task.at_positions) for task in group if task.has_position]
                   for group in stack.active]
         self.stack = Stack([group for group in groups if group])
         self.groups = self.stack.active
@@ -103,7 +104,7 @@ class PositionStack:
         state = self._state
         state.update(q)
         for task in self.stack.active_tasks:
-            task.forget_cycles()
+            attempt(task, task.forget_cycles)
         evaluations = self.stack.evaluate(state, 0.0)
         levels = levels_of(evaluations)
         errors = [_violation(group) if level.v is None else level.v

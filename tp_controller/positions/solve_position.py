@@ -34,7 +34,7 @@ from tp_controller.positions.solution import GOAL_TOLERANCE, PositionSolution
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import check_type, Stack
 from tp_controller.tasks.task import Task
-from tp_controller.tasks.task_errors import accept
+from tp_controller.tasks.task_errors import accept, attempt
 
 # Largest number of descents in one call of the core.
 ATTEMPTS_OF_A_CALL = 1000
@@ -204,9 +204,9 @@ class PositionSolver:
         """Restore the goal that a task has in the stack, if a call has changed it."""
         own = self._own_goals[task.name]
         if task.goal is not own:
-            task.forget_goal()
+            attempt(task, task.forget_goal)
             if own is not None:
-                task.set_goal(own, 0.0)
+                attempt(task, task.set_goal, own, 0.0)
 
     def _parsed(self, name: str, goal: Goal) -> Goal:
         """Return the goal of a task in internal form, or raise `GoalError`."""

@@ -32,6 +32,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import levels_of, Stack
 from tp_controller.tasks.task import Evaluation, Task
+from tp_controller.tasks.task_errors import attempt
 
 # Gain of the tasks [1/s]: so slow that only positions limit them.
 SLOW_GAIN = 0.01
@@ -107,8 +108,8 @@ def reports_at(robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array, 
     free = copy(robot)
     free.velocity, free.acceleration = np.full(robot.n, NO_LIMIT), np.full(robot.n, np.inf)
     options = CycleOptions(free, Settings(blend=0.0), free.velocity)
-    tasks = Stack([[task.with_goal(goals.get(task.name)).at_positions(SLOW_GAIN)
-                    for task in group] for group in stack.active])
+    tasks = Stack([[attempt(task, at_rest, task, goals.get(task.name)) for task in group]
+                   for group in stack.active])
     state = robot.state(q, passive)
     evaluations = tasks.evaluate(state, 0.0)
     cycle = RestingCycle(free, Solved(evaluations, *step(
@@ -118,3 +119,8 @@ def reports_at(robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array, 
     index = count()
     return tuple([TaskReport(task, level, '', cycle, next(index))
                   for level, group in enumerate(tasks.active, 1) for task in group])
+
+
+def at_rest(task: Task, goal: Goal) -> Task:
+    """Return a copy of a task with a goal, whose gain is `SLOW_GAIN`."""
+    return task.with_goal(goal).at_positions(SLOW_GAIN)

@@ -353,17 +353,29 @@ def test_task_that_python_evaluates_takes_part():
                                rtol=0.0, atol=GOAL_TOLERANCE)
 
 
-def test_failing_task_is_named():
+@pytest.mark.parametrize('method', ['error', 'at_positions', 'forget_cycles', 'jacobian', 'probe'])
+def test_failing_task_is_named(method):
     robot = robots.panda()
 
-    class Broken(Position):
-        """A task type that fails."""
+    def fail(self, *given):
+        raise ValueError('no light')
 
-        def error(self, state):
-            raise ValueError('no light')
-
+    broken = type('Broken', (Position,), {method: fail, 'type_name': ''})
     with pytest.raises(EvaluationError, match='tool.*no light'):
-        solve_position(robot, Stack([[Broken(robot, 'tool', frame=TOOL)]]),
+        solve_position(robot, Stack([[broken(robot, 'tool', frame=TOOL)]]),
+                       {'tool': [0.3, 0.0, 0.5]})
+
+
+@pytest.mark.parametrize('method', ['parse_goal', 'set_goal'])
+def test_task_that_fails_with_its_goal_is_named(method):
+    robot = robots.panda()
+
+    def fail(self, *given):
+        raise ValueError('no light')
+
+    broken = type('Broken', (Position,), {method: fail, 'type_name': ''})
+    with pytest.raises(GoalError, match='tool.*no light'):
+        solve_position(robot, Stack([[broken(robot, 'tool', frame=TOOL)]]),
                        {'tool': [0.3, 0.0, 0.5]})
 
 
