@@ -36,6 +36,10 @@ import numpy as np
 SMALLEST, LAMBDA = 1e-9, 0.1
 # Of `Tsid`: weight of the rest of all joints where there is no posture task.
 REST = 1e-6
+# Error that counts as none, where a package takes one [m or rad].
+EXACT = 1e-7
+# Largest step that leads nowhere [rad].
+STILL = 1e-9
 # From when on changes of the velocity count as those of a motion under way [s].
 UNDER_WAY = 1.0
 
@@ -85,6 +89,23 @@ class Peer:
         """Return the joint velocities of one cycle (n,); None where there is no solution."""
         raise NotImplementedError
 
+    def positions(self, q, steps):
+        """
+        Return the joint positions at which the goals are reached, from q (n,).
+
+        By default, as with a library without such a call, in steps of the velocity of a cycle,
+        until none leads anywhere.
+        """
+        for _ in range(steps):
+            self.aim(q)
+            found = self.velocity(q)
+            if found is None:
+                break
+            q = q + self.period * np.asarray(found)
+            if np.abs(found).max() * self.period < STILL:
+                break
+        return q
+
     def axes(self, task):
         """Return 1 for the axes of a frame that an orientation is about, 0 for the others."""
         return np.array([float(axis in task.get('axes', 'xyz')) for axis in 'xyz'])
@@ -102,7 +123,7 @@ class TpController(Peer):
         stack = Stack.from_yaml(self.given['stack'], self.robot)
         settings = Settings(period=self.period)
         self.controller = Controller(self.robot, stack, settings)
-        self.stack, self.now = stack, 0.0
+        self.stack, self.now, self.goal = stack, 0.0, goals[0]
         for task, goal in zip(self.tasks, goals):
             if task['type'] == 'posture':
                 goal = dict(zip(self.joints, goal.tolist()))
@@ -111,6 +132,12 @@ class TpController(Peer):
             elif task['type'] == 'orientation':
                 goal = goal[:3, :3]
             self.controller.set_goal(task['name'], goal, 0.0)
+
+    def positions(self, q, steps):
+        from tp_controller import PositionSolver
+        if not hasattr(self, 'search'):
+            self.search = PositionSolver(self.robot, self.stack)
+        return self.search.solve({'tool': self.goal}, q, timeout=10.0).q
 
     def velocity(self, q):
         self.now += self.period
@@ -310,6 +337,7 @@ class Embodik(Peer):
 
     def start(self, goals):
         kinds = self.embodik.TaskType
+        self.goal = goals[0]
         self.solver = solver = self.embodik.KinematicsSolver(self.model)
         solver.dt = self.period
         for index, (task, goal) in enumerate(zip(self.tasks, goals)):
@@ -325,6 +353,15 @@ class Embodik(Peer):
             made.priority, made.weight = index, self.given['gain']
             if self.given['variant'] == 'MIN_ERROR':
                 made.solve_mode = self.embodik.TaskSolveMode.MIN_ERROR
+
+    def positions(self, q, steps):
+        options = self.embodik.PositionIKOptions()
+        options.max_iterations = steps
+        options.position_tolerance = options.orientation_tolerance = EXACT
+        task, = self.tasks
+        found = self.solver.solve_position(self._full(q), np.asfortranarray(self.goal),
+                                           task['frame'], options)
+        return np.array(found.q_solution)[self.order]
 
     def velocity(self, q):
         found = self.solver.solve_velocity(self._full(q), apply_limits=True)
@@ -619,6 +656,15 @@ class Worker:
     def time(self, key, states, cycles, pause):
         """Measure cycles in states far from each other."""
         return measure(self._loaded[key], np.array(states), cycles, pause)
+
+    def positions(self, key, goals, q, steps):
+        """Solve inverse kinematics; return the positions, and how long it took [s]."""
+        self.start(key, goals)
+        peer, start = self._loaded[key], np.array(q)
+        began = time.thread_time_ns()
+        found = peer.positions(start, steps)
+        spent = 1e-9 * (time.thread_time_ns() - began)
+        return {'q': np.asarray(found).tolist(), 'seconds': spent}
 
     def run(self, key, goals, q, cycles, limits):
         """Simulate."""

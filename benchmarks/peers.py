@@ -29,8 +29,10 @@ Every package has a process of its own, and all read the same URDF. ``--only`` t
 - ``times``: of one cycle, all packages in turns, so that a machine whose speed drifts disturbs all
   alike; they are processor time, as all times here.
 - ``cold``: the same with one cycle per millisecond, as in a node: in between caches get cold.
-- ``steps``: inverse kinematics of a Panda as with a library, ``--steps`` steps in all; each takes
-  away a tenth of the error, or half of it, as far as the joints come in its time (5 s for a goal).
+- ``positions``: inverse kinematics of a Panda, for the poses of random postures within its limits.
+  Where a package has no call for that, its steps are repeated until none leads anywhere; each is
+  to take away half of the error, or all of it. *Reached* is within 1e-6 m and rad, and within the
+  limits.
 - ``motions``: closed loops with an ideal robot at 100 Hz show how well the tasks are carried out.
   Goals of the second task come from another posture than those of the first, so the two contradict
   each other.
@@ -90,11 +92,12 @@ CYCLES = 200
 TIMED_STATES = 64
 # Where a cycle begins once per millisecond [s].
 PAUSE = 1e-3
-# Of inverse kinematics as with a library: {share of the error that a step takes away: (steps for
-# each goal, how long one takes [s])}, and the gain.
+# Of inverse kinematics: {share of the error that a step takes away}, time of a step [s], most
+# steps, and the error that is none [m or rad]. No velocity limit matters with this factor.
 LIBRARY = 'Panda, pose > posture'
-STEPS, STEP_GAIN = {'a tenth': (250, 0.02), 'half': (50, 0.1)}, 5.0
-PARTS = ('times', 'cold', 'steps', 'motions')
+SHARES, STEP, MOST_STEPS, EXACT = {'half': 0.5, 'all': 1.0}, 0.1, 300, 1e-6
+UNLIMITED = 100.0
+PARTS = ('times', 'cold', 'positions', 'motions')
 # Joints of a robot that is simulated with all goals, and not with a share of them.
 FEWEST = 7
 # How many times too fast the states with active limits are, in the median.
@@ -358,24 +361,45 @@ def print_times(times, scenes, title):
         print(f'| {shown(package, variant)} | {" | ".join(cells)} |', flush=True)
 
 
-def print_steps(scene, packages, steps):
-    """Simulate inverse kinematics as with a library, and print."""
-    print('\n## Steps per second\n\n| package | ' + ' | '.join(
-        f'{share} of the error: steps per second | goals reached' for share in STEPS)
-        + ' |\n| --- |' + ' --- | --- |' * len(STEPS), flush=True)
-    random = np.random.default_rng(0)
-    most = -(-steps // min(count for count, _ in STEPS.values()))
-    goals = [scene.goals(scene.draw(random, FAR), scene.ready) for _ in range(most)]
+def print_positions(scene, packages, count):
+    """Solve inverse kinematics for a pose, and print."""
+    print('\n## Inverse kinematics\n\n| package | ' + ' | '.join(
+        f'{share} of the error: reached [%] | median, 99 % [ms]' for share in SHARES)
+        + ' |\n| --- |' + ' --- | --- |' * len(SHARES), flush=True)
+    random, robot = np.random.default_rng(0), scene.robot
+    goals = [scene.goals(random.uniform(robot.lower, robot.upper))[:1] for _ in range(count)]
     for package in packages:
         for variant in VARIANTS[package.name]:
             cells = []
-            for count, period in STEPS.values():
-                runs = simulate(scene, package, variant, goals[:-(-steps // count)], count,
-                                period, STEP_GAIN)
-                rate = len(runs) * count / sum(run['seconds'] for run in runs)
-                cells += [f'{float(f"{rate:.3g}"):,.0f}',
-                          f'{sum(map(reached, runs))} of {len(runs)}']
+            for share in SHARES.values():
+                found = positions(scene, package, variant, goals, share)
+                times = [1e3 * each['seconds'] for each in found]
+                good = [within(robot, each['q']) and exact(scene, each['q'], goal)
+                        for each, goal in zip(found, goals)]
+                cells += [f'{100.0 * np.mean(good):.1f}',
+                          f'{np.median(times):.2f}, {np.percentile(times, 99):.1f}']
             print(f'| {shown(package.name, variant)} | {" | ".join(cells)} |', flush=True)
+
+
+def positions(scene, package, variant, goals, share):
+    """Return the answers of a package to goals of the first task alone."""
+    key, speed = str((scene.name, 'positions', variant, share)), UNLIMITED * scene.source.velocity
+    package.do('load', key=key, **scene.given(
+        package.name, variant, scene.write('unlimited', speed), speed, STEP, 1, share / STEP))
+    return [package.do('positions', key=key, goals=goal, q=scene.ready.tolist(), steps=MOST_STEPS)
+            for goal in goals]
+
+
+def within(robot, q):
+    """Return whether positions are within the limits, to the rounding of a solver."""
+    return bool((q >= robot.lower - EXACT).all() and (q <= robot.upper + EXACT).all())
+
+
+def exact(scene, q, goals):
+    """Return whether the first task is at its goal, to a micrometre and a microradian."""
+    goal = np.array(goals[0])
+    pose = scene.robot.state(q).pose(scene.case.tasks[0]['frame'])
+    return bool(np.abs(goal - pose).max() < EXACT)
 
 
 def percent(share):
@@ -464,7 +488,7 @@ def main():
     parser.add_argument('--rounds', type=int, default=15, help='of times, in turns')
     parser.add_argument('--python', action='append', default=[], metavar='PACKAGE=PATH',
                         help='interpreter of an environment that has a package')
-    parser.add_argument('--steps', type=int, default=100_000, help='of inverse kinematics')
+    parser.add_argument('--poses', type=int, default=1000, help='of inverse kinematics')
     parser.add_argument('--only', nargs='+', choices=PARTS, default=PARTS)
     parser.add_argument('--packages', nargs='+', choices=VARIANTS, default=VARIANTS)
     options = parser.parse_args()
@@ -476,9 +500,9 @@ def main():
         prepared = prepare(scenes, packages) if chosen else None
         for title, pause in chosen:
             print_times(measure(prepared, packages, options.rounds, pause), scenes, title)
-        if 'steps' in options.only:
-            print_steps(next(scene for scene in scenes if scene.name == LIBRARY), packages,
-                        options.steps)
+        if 'positions' in options.only:
+            print_positions(next(scene for scene in scenes if scene.name == LIBRARY), packages,
+                            options.poses)
         if 'motions' in options.only:
             print('\n## Motions', flush=True)
             compare(scenes, packages, options.states, options.seconds)

@@ -80,14 +80,14 @@ def test_comparison_explains_its_options():
 def test_comparison_without_other_packages_shows_this_one_and_what_it_skipped(alone):
     done = subprocess.run(
         [sys.executable, str(SCRIPT), '--states', '2', '--seconds', '0.1', '--rounds', '1',
-         '--steps', '300'],
+         '--poses', '3'],
         capture_output=True, text=True, timeout=120, env=alone)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     skipped = [f'skipped: {name} is not installed (hidden by a test)' for name in PEERS]
     assert lines[:len(skipped)] == skipped
     rows = [line for line in lines if line.startswith('| tp_controller')]
-    # In both tables of times, in that of steps and in one for each stack.
+    # In both tables of times, in that of positions and in one for each stack.
     assert len(rows) == 6
     widths = {len(row.split('|')) for row in rows}
     heads = {len(line.split('|')) for line in lines if line.startswith('| ---')}
