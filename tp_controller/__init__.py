@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     )
     from tp_controller.model.robot import Robot, RobotState
     from tp_controller.model.simulator import KinematicSimulator, SimulatorNoise
+    from tp_controller.positions.approach import set_goal_by_posture
     from tp_controller.positions.solution import PositionSolution
     from tp_controller.positions.solve_position import PositionSolver, solve_position
     from tp_controller.positions.solve_positions import solve_positions
@@ -56,7 +57,7 @@ __all__ = [
     'Level', 'LevelSolution', 'LevelStep', 'PositionSolution', 'PositionSolver', 'Robot',
     'RobotError', 'RobotState', 'Settings', 'SettingsError', 'SimulatorNoise', 'Solution',
     'Solver', 'SolverError', 'Stack', 'StackError', 'TaskError', 'TimeError',
-    'TpControllerError', 'solve', 'solve_position', 'solve_positions']
+    'TpControllerError', 'set_goal_by_posture', 'solve', 'solve_position', 'solve_positions']
 
 # Module of each public name, imported on first use: the command line needs few of them.
 _ORIGINS = {
@@ -66,6 +67,7 @@ _ORIGINS = {
                'StackError', 'TaskError', 'TimeError', 'TpControllerError'),
     'model.robot': ('Robot', 'RobotState'),
     'model.simulator': ('KinematicSimulator', 'SimulatorNoise'),
+    'positions.approach': ('set_goal_by_posture',),
     'positions.solution': ('PositionSolution',),
     'positions.solve_position': ('PositionSolver', 'solve_position'),
     'positions.solve_positions': ('solve_positions',),

@@ -33,11 +33,12 @@ STACK = f"""
 - orientation: {{type: orientation, frame: {PANDA_TOOL}, gain: 3.0}}
 - tool: {{type: pose, frame: {PANDA_TOOL}, gain: [1, 2, 3, 4, 5, 6]}}
 - seen: {{type: position, frame: {PANDA_TOOL}, reference: panda_link4}}
+- folded: {{type: pose, frame: {PANDA_TOOL}, approach: posture}}
 - joints: {{type: joint, joints: [panda_joint6, panda_joint2], timeout: 0.05}}
 - swing: {{type: joint_velocity, joints: [panda_joint7, panda_joint1], timeout: 0.05}}
 - carry: {{type: twist, frame: {PANDA_TOOL}, timeout: 0.05}}
 """
-TASKS = ('place', 'orientation', 'tool', 'seen', 'joints', 'swing', 'carry')
+TASKS = ('place', 'orientation', 'tool', 'seen', 'folded', 'joints', 'swing', 'carry')
 ROTATION = rotation_from_rpy(0.3, -0.2, 0.5)
 QUAT_XYZW = quaternion_from_rotation(ROTATION).tolist()
 
@@ -110,6 +111,22 @@ def test_a_pose_goes_to_the_pose_task(harness):
         rotation_from_rpy(0.1, 0.0, 0.0).dot(rig.state.rotation(PANDA_TOOL)))
     assert rig.send(make_message('', PoseStamped, {'xyz': xyz, 'quat_xyzw': quat_xyzw})) is None
     np.testing.assert_allclose(rig.error(), (0.01, -0.02, 0.03, 0.1, 0.0, 0.0), atol=1e-9)
+
+
+def test_posture_leads_to_a_goal_where_the_task_says_so(harness):
+    rig = Rig(harness, 'folded')
+    posture = np.array(PANDA_READY) + (0.3, 0.2, -0.4, 0.5, 0.2, -0.3, 0.4)
+    T = panda().state(posture).pose(PANDA_TOOL)
+    assert rig.send(make_message('', PoseStamped, {
+        'xyz': T[:3, 3], 'quat_xyzw': quaternion_from_rotation(T[:3, :3])})) is None
+    lead = rig.controller._robot.controller._tasks._leads
+    found = next(iter(lead.values())).posture
+    np.testing.assert_allclose(panda().state(found).pose(PANDA_TOOL), T, atol=1e-6)
+    # All joints move there together.
+    way, commands = found - PANDA_READY, rig.commands
+    rig.spin_until(lambda: np.linalg.norm(commands[-1]) > 0.05)
+    velocity = np.array(commands[-1])
+    assert velocity @ way == pytest.approx(np.linalg.norm(velocity) * np.linalg.norm(way))
 
 
 def test_joint_positions_go_to_the_joint_task_by_name(harness):

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tp_controller.control.changes import Changes
+from tp_controller.control.lead import Lead
 from tp_controller.errors import EvaluationError, GoalError, unknown
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.stack import Stack
@@ -53,6 +54,7 @@ class ActiveStack:
         stack.check_owner(self._owner)
         self.changes = Changes()
         self.started = self.switches_off = False
+        self._leads: dict[Task, Lead] = {}
 
     def own(self) -> None:
         """Mark the tasks of the stack as used."""
@@ -62,6 +64,7 @@ class ActiveStack:
         """Replace the stack; see `Controller.replace_stack`."""
         stack.check_owner(self._owner)
         before = self.stack.active
+        self._end_leads()
         stack.inherit_goals(self.stack)
         self._owner = object()
         self.stack = stack
@@ -81,6 +84,7 @@ class ActiveStack:
         """Drop all goals; the next start sets default goals."""
         self.changes.announce(0)
         self.started = False
+        self._end_leads()
         self.stack.forget_goals()
 
     def task(self, name: str) -> Task:
@@ -89,10 +93,13 @@ class ActiveStack:
             raise GoalError(unknown('task', name, self.stack.tasks))
         return self.stack.tasks[name]
 
-    def set_goal(self, task: Task, goal: Any, now: float) -> None:
-        """Set the goal of a task, parsed and in its reference frame."""
+    def set_goal(self, task: Task, goal: Any, now: float, lead: Lead | None = None) -> None:
+        """Set the goal of a task, parsed and in its reference frame, and what leads there."""
         self.changes.announce_goal(task, self.stack.active, now)
         accept(task, task.set_goal, goal, now)
+        self._end_lead(task)
+        if lead is not None:
+            self._leads[task], task.led = lead, True
 
     def set_feed_forward(self, task: Task, velocity: Any, now: float) -> None:
         """Set the feed-forward velocity of a task, parsed and in its reference frame."""
@@ -104,6 +111,7 @@ class ActiveStack:
         if enabled == (task.name not in self.stack.disabled):
             return
         before = self.stack.active
+        self._end_lead(task)
         if enabled:
             accept(task, task.reset)
             self.started = False
@@ -123,7 +131,7 @@ class ActiveStack:
         """Return the evaluations of the tasks at a state, level by level."""
         while True:
             try:
-                return self.stack.evaluate(state, now)
+                return [self._led(group, state) for group in self.stack.evaluate(state, now)]
             except EvaluationError as error:
                 self._switch_off(error)
 
@@ -131,10 +139,29 @@ class ActiveStack:
                       ) -> list[Evaluation] | None:
         """Return the evaluations of some tasks; None if one fails and is switched off."""
         try:
-            return self.stack.evaluate_tasks(tasks, state, now)
+            return self._led(self.stack.evaluate_tasks(tasks, state, now), state)
         except EvaluationError as error:
             self._switch_off(error)
             return None
+
+    def _led(self, evaluations: list[Evaluation], state: RobotState) -> list[Evaluation]:
+        """Return evaluations, with the demands of leads in place of those of their tasks."""
+        if not self._leads:
+            return evaluations
+        for task in [task for task, lead in self._leads.items() if lead.has_arrived(state)]:
+            self._end_lead(task)
+        return [self._leads[each.task].demand(each, state) if each.task in self._leads else each
+                for each in evaluations]
+
+    def _end_leads(self) -> None:
+        """Let all tasks go on straight to their goals."""
+        for task in tuple(self._leads):
+            self._end_lead(task)
+
+    def _end_lead(self, task: Task) -> None:
+        """Let a task go on straight to its goal."""
+        if self._leads.pop(task, None) is not None:
+            task.led = False
 
     def _switch_off(self, error: EvaluationError) -> None:
         """Switch off a task that fails, or raise."""

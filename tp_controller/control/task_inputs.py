@@ -17,17 +17,19 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tp_controller.control.active_stack import ActiveStack
 from tp_controller.control.cycle_time import check_time
 from tp_controller.control.gains import set_gain, set_tolerance
 from tp_controller.control.goal_limits import check_goal
+from tp_controller.control.lead import Lead
 from tp_controller.control.settings import Settings
 from tp_controller.control.state_buffer import StateBuffer
 from tp_controller.errors import GoalError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.goal_holder import Goal
-from tp_controller.tasks.keys import Gain, Tolerance
+from tp_controller.tasks.keys import finite_vector, Gain, Tolerance
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task_errors import accept
 
@@ -130,7 +132,8 @@ class TaskInputs:
         set_tolerance(self._tasks.task(name), tolerance)
 
     def set_goal(self, name: str, goal: Goal, now: float | None = None,
-                 frame: str | Array | None = None) -> tuple[str, ...]:
+                 frame: str | Array | None = None, *, posture: ArrayLike | None = None
+                 ) -> tuple[str, ...]:
         """
         Set the goal of a task.
 
@@ -146,6 +149,10 @@ class TaskInputs:
             Frame of the robot, at its present pose, in which the goal is expressed, or the pose
             T_root_frame of a frame that is not on the robot; the task's reference frame by
             default.
+        posture : array_like (n,), optional
+            Positions of all joints at the goal [rad or m]: all of them move there along a
+            straight line, and the task goes on from its end. By default the task moves straight
+            to the goal. See `set_goal_by_posture`.
 
         Returns
         -------
@@ -157,21 +164,40 @@ class TaskInputs:
         ------
         GoalError
             The task or frame is unknown, the goal is not finite, has the wrong shape or is beyond
-            the limits of goals in the settings, or `now` is not a finite number. The previous goal
-            stays in force.
+            the limits of goals in the settings, or `now` is not a finite number; or the base
+            moves, or the posture is beyond the position limits. The previous goal stays in force.
 
         """
         now = check_time(now, 'now', GoalError)
-        task = self._tasks.task(name)
-        goal = accept(task, task.parse_goal, goal)
-        if frame is not None:
-            goal = accept(task, task.goal_in_reference, goal,
-                          self._states.pose_in_reference(task, frame))
+        task, goal = self._tasks.task(name), self.parsed_goal(name, goal, frame)
         accept(task, check_goal, task, goal, self._states.present, self._settings)
         own = frame is None or (isinstance(frame, str) and frame == task.reference)
         remarks = accept(task, task.goal_remarks, goal, not own)
-        self._tasks.set_goal(task, goal, now)
+        lead = None if posture is None else Lead(self._checked_posture(posture))
+        self._tasks.set_goal(task, goal, now, lead)
         return remarks
+
+    def parsed_goal(self, name: str, goal: Goal, frame: str | Array | None = None) -> Goal:
+        """Return a goal of a task in internal form, in its reference frame; see `set_goal`."""
+        task = self._tasks.task(name)
+        parsed = accept(task, task.parse_goal, goal)
+        if frame is None:
+            return parsed
+        return accept(task, task.goal_in_reference, parsed,
+                      self._states.pose_in_reference(task, frame))
+
+    def _checked_posture(self, posture: ArrayLike) -> Array:
+        """Return positions of all joints (n,), or raise `GoalError`."""
+        robot = self.robot
+        if robot.moves:
+            raise GoalError('a posture leads to no goal where the base moves')
+        found = finite_vector(posture, robot.n, 'the posture that leads to a goal')
+        bad = [name for name, value, lower, upper in zip(
+            robot.joint_names, found, robot.lower, robot.upper) if not lower <= value <= upper]
+        if bad:
+            raise GoalError('the posture that leads to a goal is beyond the position limits of '
+                            f'{", ".join(bad)}')
+        return found
 
     def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
                          frame: str | Array | None = None) -> None:

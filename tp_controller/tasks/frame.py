@@ -19,6 +19,7 @@ from functools import cached_property
 from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
+from tp_controller.errors import unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, read_only, skew
 from tp_controller.model.state import RobotState
@@ -29,6 +30,8 @@ from tp_controller.tasks.yaml_keys import yaml_key
 
 Axes: TypeAlias = str | Sequence[str]
 SomeTask = TypeVar('SomeTask', bound='FrameTask')
+# Ways to a goal.
+STRAIGHT, BY_POSTURE = APPROACHES = 'straight', 'posture'
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
@@ -155,6 +158,10 @@ class FrameTask(MovingGoalTask):
     frame: str = frame_key('frame of the robot that the task moves')
     reference: str = reference_key(
         'frame that goals, errors and axes are expressed in (default: the root)')
+    approach: str = yaml_key(
+        'way of a node to a goal: straight, or posture: all joints move along a straight line to '
+        'the posture that inverse kinematics finds (default: straight)', default=STRAIGHT,
+        parse_for=lambda task, approach: parse_approach(task.robot, approach), acts=False)
     axes: tuple[str, ...] = yaml_key(
         'axes of the reference frame that count (default: all)', default=None,
         parse_for=lambda task, axes: parse_axes(axes, task.axis_names()))
@@ -229,6 +236,15 @@ class FrameTask(MovingGoalTask):
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the selected rows of a twist (6,)."""
         return feed_forward[self._twist_rows]
+
+
+def parse_approach(robot: Robot, value: object) -> str:
+    """Return the way to a goal, or raise ValueError."""
+    if not isinstance(value, str) or value not in APPROACHES:
+        raise ValueError(unknown('approach', value, APPROACHES))
+    if value == BY_POSTURE and robot.moves:
+        raise ValueError(f'{BY_POSTURE} needs a robot whose base does not move')
+    return value
 
 
 def _selection(rows: list[int]) -> slice | list[int]:

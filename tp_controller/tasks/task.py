@@ -98,6 +98,8 @@ class Task(KeyHolder):
         Warnings for the user.
     every_joint : bool
         The Jacobian is the identity.
+    led : bool
+        Something else demands what leads to the goal; the task has no twin meanwhile.
     row_scale : float
         Factor of the rows of the level. Singular values count as small or large in metres and
         radians per radian; rows that are short by nature are scaled to compare with those of a
@@ -120,6 +122,7 @@ class Task(KeyHolder):
     remarks: tuple[str, ...] = ()
     row_scale = 1.0
     every_joint = False
+    led = False
     has_position: ClassVar[bool] = True
     is_objective: ClassVar[bool] = False
     owner: object = None
@@ -181,7 +184,8 @@ class Task(KeyHolder):
         """Return the inputs in the compiled core; None if Python evaluates the task."""
         own = self.__dict__
         if '_twin' not in own:
-            own['_twin'] = None if EVALUATION_METHODS & own.keys() else self.make_twin()
+            own['_twin'] = None if self.led or EVALUATION_METHODS & own.keys() \
+                else self.make_twin()
         found: Twin | None = own['_twin']
         return found
 
@@ -308,6 +312,7 @@ class Task(KeyHolder):
         other = self.probe()
         other.gain = np.full(other.rows, gain)
         other.forget_feed_forward()
+        other.led = False
         return other
 
     def forget_cycles(self) -> None:

@@ -27,7 +27,7 @@ class Twist(VelocityTask, FrameTask):
     """
 
     type_name = 'twist'
-    without = ('gain', 'tolerance')
+    without = ('approach', 'gain', 'tolerance')
     example = {'frame': 'panda_hand_tcp'}
     make_twin = FrameTask.twin_of_velocity
     sketch_parts = {'frame': True}

@@ -26,12 +26,14 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool
 from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError, in_words
+from tp_controller.positions.approach import set_goal_by_posture
 from tp_controller.ros import Message
 from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.interface.goal_messages import GoalMessage, messages_of, Parts
 from tp_controller.ros.interface.tf_frames import TfFrames
 from tp_controller.ros.log import Log
 from tp_controller.ros.rclpy_internals import RCLError
+from tp_controller.tasks.frame import BY_POSTURE
 from tp_controller.tasks.obstacle_goals import ALL_OBSTACLES
 from tp_controller.tasks.task_errors import accept
 
@@ -225,7 +227,9 @@ class TaskTopics:
             accept(task, task.parse_feed_forward, feed_forward)
         remarks: Collection[str] = ()
         if goal is not None:
-            remarks = self._controller.set_goal(name, goal, now, frame)
+            by_posture = getattr(self._controller.stack.tasks[name], 'approach', '') == BY_POSTURE
+            set_goal = set_goal_by_posture if by_posture else type(self._controller).set_goal
+            remarks = set_goal(self._controller, name, goal, now, frame)
         if feed_forward is not None:
             self._controller.set_feed_forward(name, feed_forward, now, frame)
         return remarks

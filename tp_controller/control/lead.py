@@ -1,0 +1,55 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Motion to a goal by a posture: along a straight line of the joints."""
+
+from typing import NamedTuple
+
+import numpy as np
+from tp_controller.model.spatial import Array
+from tp_controller.model.state import RobotState
+from tp_controller.solver.level import Level
+from tp_controller.tasks.task import Evaluation
+
+# Distance of the farthest joint from the posture from which the task goes on by itself [rad or m].
+ARRIVED = 0.02
+
+
+class Lead(NamedTuple):
+    """
+    Posture that leads a task to its goal.
+
+    The demand is one for all joints, K times the way to the posture, at most as fast as their
+    velocity limits allow together: so they move along a straight line, between two points within
+    the position limits.
+
+    Attributes
+    ----------
+    posture : ndarray (n,)
+        Positions of the joints at the goal [rad or m].
+
+    """
+
+    posture: Array
+
+    def has_arrived(self, state: RobotState) -> bool:
+        """Return whether the joints are at the posture."""
+        return float(np.abs(self.posture - state.positions).max()) <= ARRIVED
+
+    def demand(self, evaluation: Evaluation, state: RobotState) -> Evaluation:
+        """Return the evaluation of a task with the demand of its lead, and its own error."""
+        task = evaluation.task
+        velocity = float(np.max(task.gain)) * (self.posture - state.positions)
+        excess = float((np.abs(velocity) / task.robot.velocity).max())
+        return Evaluation(task, Level.of_joints(velocity / max(excess, 1.0)), evaluation.error)

@@ -1,0 +1,63 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Goals that a controller reaches by a posture, where the straight way is blocked."""
+
+from tp_controller.control.controller import Controller
+from tp_controller.errors import GoalError
+from tp_controller.model.spatial import Array
+from tp_controller.positions.solve_position import PositionSolver
+from tp_controller.tasks.goal_holder import Goal
+
+# Longest time of a search [s].
+LONGEST_SEARCH = 0.1
+
+
+def set_goal_by_posture(controller: Controller, name: str, goal: Goal,
+                        now: float | None = None, frame: str | Array | None = None
+                        ) -> tuple[str, ...]:
+    """
+    Set the goal of a task, to be reached by a posture; see `Controller.set_goal`.
+
+    A task that moves straight to its goal stops where a joint is at its limit, or the arm would
+    have to fold the other way round. Here the joints move, along a straight line, to the posture
+    that `PositionSolver` finds with the goals in force. This keeps all limits, and the tasks above
+    undisturbed; but it avoids nothing: what is in the way of the whole arm needs a planner.
+
+    Returns
+    -------
+    tuple of str
+        Remarks about the goal. If no posture reaches it, this is one of them, and the task moves
+        straight towards it.
+
+    Raises
+    ------
+    GoalError
+        As `Controller.set_goal`; or no joint positions have arrived yet.
+
+    """
+    place = controller.configuration()
+    if place is None:
+        raise GoalError('a goal that is reached by a posture needs joint positions, and none have '
+                        'arrived yet')
+    parsed = controller.parsed_goal(name, goal, frame)
+    q, passive = place
+    found = PositionSolver(controller.robot, controller.stack).solve(
+        {name: parsed}, q, passive=passive, timeout=LONGEST_SEARCH)
+    remarks = controller.set_goal(name, goal, now, frame,
+                                  posture=found.q if found.reached else None)
+    if found.reached:
+        return remarks
+    reason = next(task.reason for task in found.tasks if task.name == name)
+    return (*remarks, f'no posture reaches it: {reason or "another task above does not allow it"}')
