@@ -51,5 +51,7 @@ class Lead(NamedTuple):
         """Return the evaluation of a task with the demand of its lead, and its own error."""
         task = evaluation.task
         velocity = float(np.max(task.gain)) * (self.posture - state.positions)
-        excess = float((np.abs(velocity) / task.robot.velocity).max())
+        # A joint whose limit is zero stays where it is, whatever is demanded.
+        limits = task.robot.velocity
+        excess = float((np.abs(velocity) / np.where(limits > 0.0, limits, np.inf)).max())
         return Evaluation(task, Level.of_joints(velocity / max(excess, 1.0)), evaluation.error)

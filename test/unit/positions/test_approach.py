@@ -22,6 +22,7 @@ from tp_controller import (
     GoalError,
     KinematicSimulator,
     PositionSolver,
+    Robot,
     set_goal_by_posture,
     Settings,
     Stack,
@@ -131,6 +132,16 @@ def test_goal_that_no_posture_reaches_is_approached_straight_with_the_reason():
     assert any('no posture reaches it: out of reach by' in remark for remark in remarks)
     assert not controller.stack.tasks['tool'].led
     assert controller.stack.tasks['tool'].goal[2, 3] == 2.5
+
+
+def test_joint_without_speed_makes_no_demand_undefined():
+    robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint7': {'velocity': 0.0}})
+    controller = controller_of(robot=robot)
+    assert set_goal_by_posture(controller, 'tool', poses(1)[0], 0.0) == ()
+    path, commands = run(controller, READY, 50)
+    assert np.isfinite(path).all()
+    assert path[-1][6] == READY[6]
+    assert np.abs(path[-1] - READY).max() > 0.1
 
 
 def test_next_goal_ends_the_approach():

@@ -24,7 +24,7 @@ from tp_controller.control.units import with_unit
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
-from tp_controller.tools.cli.values import finite_number, positive_number
+from tp_controller.tools.cli.values import assignment, finite_number, positive_number
 
 if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
     from tp_controller.ros.client.client import Client
@@ -61,9 +61,9 @@ def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
                       help='orientation as roll, pitch, yaw [rad]')
     turn.add_argument('--quat', nargs=4, type=finite_number, metavar=('X', 'Y', 'Z', 'W'),
                       help='orientation as a quaternion')
-    parser.add_argument('--joint', action='append', type=_assignment, metavar='NAME=VALUE',
+    parser.add_argument('--joint', action='append', type=assignment, metavar='NAME=VALUE',
                         help='joint position [rad or m]; once for each joint')
-    parser.add_argument('--velocity', action='append', type=_assignment, metavar='NAME=VALUE',
+    parser.add_argument('--velocity', action='append', type=assignment, metavar='NAME=VALUE',
                         help='joint velocity [rad/s or m/s]; once for each joint')
     parser.add_argument('--linear', nargs=3, type=finite_number, metavar=('X', 'Y', 'Z'),
                         help='linear velocity [m/s]')
@@ -179,14 +179,6 @@ def _reach(client: 'Client', options: argparse.Namespace) -> bool:
     if not reached and status.hint:
         print(f'what would help: {status.hint}')
     return reached
-
-
-def _assignment(text: str) -> tuple[str, float]:
-    """Parse (name, value) of NAME=VALUE."""
-    name, equals, value = text.partition('=')
-    if not equals or not name:
-        raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=VALUE')
-    return name, finite_number(value)
 
 
 COMMAND = Command(

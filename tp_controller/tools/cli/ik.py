@@ -24,7 +24,12 @@ from tp_controller.errors import RobotError, TpControllerError, unknown
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.cli.goal_table import GoalTable, parse_goals, read_table
 from tp_controller.tools.cli.robot_arguments import add_robot_arguments, refuse
-from tp_controller.tools.cli.values import positive_number, whole_count, whole_number
+from tp_controller.tools.cli.values import (
+    assignment,
+    positive_number,
+    whole_count,
+    whole_number,
+)
 from tp_controller.tools.files import new_file
 from tp_controller.tools.progress import progress
 
@@ -55,7 +60,8 @@ def add_ik_arguments(parser: argparse.ArgumentParser) -> None:
     goals.add_argument('--goal', action='append', default=[], metavar='TASK=NUMBERS',
                        help='goal of a task; once for each (default: the goals in the stack)')
     goals.add_argument('--csv', type=Path, metavar='FILE', help='goals of many searches')
-    parser.add_argument('--start', action='append', default=[], metavar='JOINT=POSITION',
+    parser.add_argument('--start', action='append', default=[], type=assignment,
+                        metavar='JOINT=POSITION',
                         help='position where the search starts; once for each joint (default: as '
                         'near to zero as the limits allow)')
     parser.add_argument('--attempts', type=whole_count, default=40, metavar='N',
@@ -127,7 +133,7 @@ def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.N
     from tp_controller.positions.solve_positions import solve_positions
     chosen = {'attempts': options.attempts, 'timeout': options.timeout, 'seed': options.seed,
               'criterion': options.criterion}
-    common = _assigned(options.start)
+    common = dict(options.start)
     starts = np.array([_start(robot, {**common, **own}) for own in table.starts]).reshape(
         -1, robot.nq)
     if not table.goals:
@@ -151,20 +157,6 @@ def _start(robot: 'Robot', positions: dict[str, float]) -> Any:
             raise RobotError(unknown('joint', name, robot.coordinate_names))
         q[robot.coordinate_names.index(name)] = position
     return q
-
-
-def _assigned(texts: Sequence[str]) -> dict[str, float]:
-    """Return {joint: position} of texts JOINT=POSITION."""
-    found = {}
-    for text in texts:
-        name, equals, value = text.partition('=')
-        try:
-            found[name] = float(value)
-        except ValueError:
-            equals = ''
-        if not equals:
-            raise RobotError(f'--start {text} is not of the form JOINT=POSITION')
-    return found
 
 
 def _text(robot: 'Robot', found: Sequence['PositionSolution']) -> str:

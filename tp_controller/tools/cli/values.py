@@ -49,3 +49,11 @@ def whole_count(text: str) -> int:
     if not whole_number(text):
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
     return int(text)
+
+
+def assignment(text: str) -> tuple[str, float]:
+    """Parse (name, value) of NAME=VALUE."""
+    name, equals, value = text.partition('=')
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=VALUE')
+    return name, finite_number(value)

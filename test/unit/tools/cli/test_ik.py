@@ -106,8 +106,6 @@ def test_table_of_goals_gives_a_table_of_configurations(capsys, tmp_path):
     (['--goal', 'tip=[1, 2'], 'the goal of task .tip.'),
     (['--goal', 'tip=1, 2'], 'needs 3 numbers'), (['--goal', 'tap=1, 2, 3'], "position 'tap'"),
     (['--start', 'joint9=1'], "unknown joint 'joint9'"),
-    (['--start', 'joint1=far'], '--start joint1=far is not of the form'),
-    (['--start', 'joint1'], '--start joint1 is not of the form'),
     (['--output', 'found.txt'], 'needs the ending .csv or .json'),
     (['--output', 'none/found.csv'], 'none'), (['--csv', 'none.csv'], 'none.csv: No such file'),
     (['--base', 'boat'], 'boat')], ids=str)
@@ -141,6 +139,7 @@ def test_unknown_stack_or_robot_is_refused(capsys, tmp_path):
 
 
 @pytest.mark.parametrize('arguments', [
+    ['--start', 'joint1=far'], ['--start', 'joint1'],
     ['--attempts', '0'], ['--timeout', '-1'], ['--seed', 'x'], ['--criterion', 'best'],
     ['--jobs', '0'], ['--goal', 'tip=1', '--csv', 'a.csv']])
 def test_wrong_numbers_are_refused_by_the_parser(capsys, arguments):
