@@ -32,6 +32,7 @@ AnyArray = TypeVar('AnyArray', bound=np.ndarray)
 # or an angle triple does not.
 QUATERNION_TOLERANCE = 0.05
 ROTATION_TOLERANCE = 1e-3
+IDENTITY = np.eye(3)
 # Within this angle of half a turn both directions are equally short, and noise alone would select
 # one of them [rad].
 HALF_TURN_BAND = 0.1
@@ -180,7 +181,10 @@ def check_rotation(R: Array) -> Array:
         R is not orthonormal, or mirrors.
 
     """
-    if np.abs(R.dot(R.T) - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+    x, y, z = R.T.tolist()
+    mirrors = (x[1] * y[2] - x[2] * y[1]) * z[0] + (x[2] * y[0] - x[0] * y[2]) * z[1] \
+        + (x[0] * y[1] - x[1] * y[0]) * z[2] < 0.0
+    if mirrors or np.abs(R.dot(R.T) - IDENTITY).max() > ROTATION_TOLERANCE:
         raise ValueError('the 3×3 part is not a rotation matrix (R Rᵀ = 1, det R = 1)')
     return R
 
