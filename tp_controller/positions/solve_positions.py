@@ -77,17 +77,24 @@ def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goa
     threads = len(os.sched_getaffinity(0)) if jobs == -1 else jobs
     chunks = [range(first, min(first + GOALS_OF_A_CALL, count))
               for first in range(0, count, GOALS_OF_A_CALL)]
+    # Each thread takes the next one; a solver takes as long to make as hundreds of goals.
+    left, found = iter(chunks), dict[range, list[PositionSolution]]()
+
+    def work() -> None:
+        solver = PositionSolver(robot, stack)
+        for chunk in left:
+            found[chunk] = _solve(solver, goals, starts, chunk, options)
+
     with ThreadPoolExecutor(threads) as pool:
-        return [found for chunk in pool.map(
-            lambda chunk: _solve(robot, stack, goals, starts, chunk, options), chunks)
-            for found in chunk]
+        for done in [pool.submit(work) for _ in range(min(threads, len(chunks)))]:
+            done.result()
+    return [each for chunk in chunks for each in found[chunk]]
 
 
-def _solve(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
-           starts: Array | None, chunk: range, options: dict[str, Any]
-           ) -> list[PositionSolution]:
+def _solve(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
+           chunk: range, options: dict[str, Any]) -> list[PositionSolution]:
     """Return the results for some of the goals."""
-    solver, first = PositionSolver(robot, stack), chunk.start
+    first = chunk.start
 
     def started(index: int | slice) -> Array | None:
         return starts if starts is None or starts.ndim < 2 else starts[index]
