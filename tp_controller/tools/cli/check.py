@@ -35,6 +35,7 @@ examples:
   tp_controller check stack.yaml --robot robot.urdf --rate 200
   tp_controller check --params-file package://tp_controller/config/demo.yaml
   tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
+  tp_controller check stack.yaml --robot ur.urdf.xacro --xacro-arg ur_type:=ur5e
   tp_controller check --params-file controller.yaml --params-file first.yaml
   tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
 
@@ -49,8 +50,11 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
                         'package://<package>/<path> or YAML text (default: that of the parameter '
                         'file)')
     parser.add_argument('--robot', default='', metavar='FILE',
-                        help='the robot, as the parameter: URDF, or DH table (.yaml); a path or '
-                        'package://<package>/<path> (default: that of the parameter file)')
+                        help='the robot, as the parameter: URDF, xacro, MJCF, or DH table '
+                        '(.yaml); a path, package://<package>/<path>, or '
+                        'robot_descriptions:<name> (default: that of the parameter file)')
+    parser.add_argument('--xacro-arg', metavar='NAME:=VALUE', action='append', default=[],
+                        help='an argument of the robot, a xacro; several times for several')
     parser.add_argument('--base', default='', metavar='KIND',
                         help='how the base moves (default: as in the parameter file, else fixed)')
     parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
@@ -134,7 +138,7 @@ def _report(options: argparse.Namespace) -> 'CheckReport':
     check_kinds(options.accept)
     try:
         given = read(options.params_file, options.stack, options.robot, options.base,
-                     options.rate, options.joints)
+                     options.rate, options.joints, options.xacro_arg)
     except Refused as error:
         if error.missing_file:
             raise
