@@ -34,6 +34,8 @@ plots = ['matplotlib', 'Pillow']
 record = ['rosbags>=0.11,<0.12']
 # The page in the browser; pycollada reads meshes in COLLADA (.dae).
 view = ['viser>=1,<2', 'pycollada']
+# Robots in xacro, and by name.
+models = ['xacro', 'robot_descriptions']
 docs = ['sphinx<10', 'myst-parser<6', 'furo<2027']
 # What benchmarks/peers.py compares with; not placo and tsid, which need other Pinocchios.
 peers = ['pin-pink', 'mink', 'daqp', 'embodik; python_version < "3.13"', 'roboplan-oink',
@@ -121,12 +123,13 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'peers': peers,
         'plots': plots,
+        'models': models,
         'record': record,
         'view': view,
         'docs': docs,
         # playwright drives the Chromium that is there; it brings none.
-        'test': [*plots, *record, *view, 'dask[distributed]', *docs, 'pytest', 'pytest-xdist',
-                 'hypothesis', 'playwright', 'example-robot-data', *style,
+        'test': [*plots, *models, *record, *view, 'dask[distributed]', *docs, 'pytest',
+                 'pytest-xdist', 'hypothesis', 'playwright', 'example-robot-data', *style,
                  'mypy<2.5', 'types-PyYAML', 'catkin_pkg', 'setuptools>=70.1'],
     },
     python_requires='>=3.10',

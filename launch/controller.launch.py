@@ -36,7 +36,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         DeclareLaunchArgument(
             'robot', default_value='',
-            description='file of the robot, URDF or DH table (.yaml): a path or '
+            description='file of the robot, URDF, xacro, MJCF or DH table (.yaml): a path or '
                         'package://<package>/<path>; empty: as the parameter file says, else the '
                         'URDF of the topic robot_description'),
         DeclareLaunchArgument(

@@ -52,7 +52,7 @@ def generate_launch_description() -> LaunchDescription:
             description='which robot, stack and goals of this package'),
         DeclareLaunchArgument(
             'robot', default_value='',
-            description='file of another robot, URDF or DH table (.yaml): a path or '
+            description='file of another robot, URDF, xacro, MJCF or DH table (.yaml): a path or '
                         'package://<package>/<path>; it gets no goals'),
         DeclareLaunchArgument(
             'base', default_value='',

@@ -146,7 +146,8 @@ class MadeUpController:
         self.link = Link(self.client)
         self.page = Page(server, self.link)
         self.link.values = {'robot': '', 'robot_description': '', 'base': 'fixed',
-                            'world_frame': 'world', 'joints': [''], 'stack': ''}
+                            'world_frame': 'world', 'joints': [''], 'stack': '',
+                            'xacro_arguments': ['']}
         self.link._ask = lambda: None
         self.link._on_description(String(data=(robot or planar()).urdf))
         self.update()

@@ -19,7 +19,7 @@ The input may come from anywhere. Limits of its size, depth and number of values
 input is read or refused within about a second.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import math
 import os
 from pathlib import Path
@@ -35,6 +35,7 @@ import yaml
 
 PACKAGE = 'tp_controller'
 SCHEME = 'package://'
+PACKAGE_NAME = re.compile(r'[A-Za-z0-9][\w.-]*')
 # The largest of 100 descriptions in example-robot-data, TIAGo with two arms, has 210,777
 # characters, 3,851 elements and 7 levels; stacks have about 1,000 characters.
 MOST_YAML_CHARACTERS = 250_000
@@ -57,17 +58,21 @@ LONGEST_PATH, LONGEST_QUOTED_PATH = 1000, 100
 SURROGATE = re.compile('[\ud800-\udfff]')
 
 
-def package_share(package: str = PACKAGE) -> Path:
+def package_share(package: str = PACKAGE, near: Path | None = None) -> Path:
     """
-    Return the share directory of a ROS package.
+    Return the share directory of a ROS package, or its folder in a source tree.
 
     The ament index is searched first; this package's own files are also found in a source tree
-    and after a plain ``pip install``, below any prefix.
+    and after a plain ``pip install``, below any prefix. Without ROS, or for packages that are not
+    built, the folders of `AMENT_PREFIX_PATH` and `ROS_PACKAGE_PATH` are searched, and those above
+    a file.
 
     Parameters
     ----------
     package : str
         Name of the package.
+    near : pathlib.Path, optional
+        File that names the package, such as a robot description.
 
     Returns
     -------
@@ -76,7 +81,7 @@ def package_share(package: str = PACKAGE) -> Path:
     Raises
     ------
     FileNotFoundError
-        The package is not installed.
+        The package is not found.
 
     """
     try:
@@ -89,8 +94,36 @@ def package_share(package: str = PACKAGE) -> Path:
             for share in (folder, folder / 'share' / PACKAGE):
                 if (share / 'package.xml').is_file() and (share / 'config').is_dir():
                     return share
+    elif PACKAGE_NAME.fullmatch(package):
+        for folder in _package_folders(near):
+            if _is_package(folder, package):
+                return folder
+            if (folder / package).is_dir():
+                return folder / package
     raise FileNotFoundError(f'package {suggestion(package, [PACKAGE])} is not found: it is not '
-                            'installed, or its workspace is not sourced')
+                            'installed, its workspace is not sourced, and it is in no folder of '
+                            'ROS_PACKAGE_PATH')
+
+
+def _package_folders(near: Path | None) -> Iterator[Path]:
+    """Yield folders that may be a package, or have it in them; the nearest to a file first."""
+    if near is not None:
+        # Not the root: /etc is no package.
+        yield from list(near.resolve().parents)[:-1]
+    for variable, share in (('AMENT_PREFIX_PATH', 'share'), ('ROS_PACKAGE_PATH', '')):
+        for entry in filter(None, os.environ.get(variable, '').split(os.pathsep)):
+            yield Path(entry) / share
+
+
+def _is_package(folder: Path, package: str) -> bool:
+    """Return whether a folder has the name of a package, or the manifest of it."""
+    if folder.name == package:
+        return True
+    try:
+        manifest = (folder / 'package.xml').read_text('utf-8', 'replace')[:MOST_YAML_CHARACTERS]
+    except OSError:
+        return False
+    return re.search(rf'<name>\s*{re.escape(package)}\s*</name>', manifest) is not None
 
 
 class YamlLoader(yaml.SafeLoader):
@@ -249,7 +282,7 @@ def is_number(value: object) -> TypeGuard[int | float]:
         return False
 
 
-def find_file(name: str | Path) -> Path:
+def find_file(name: str | Path, near: Path | None = None) -> Path:
     """
     Return the path of a file.
 
@@ -257,6 +290,8 @@ def find_file(name: str | Path) -> Path:
     ----------
     name : str or pathlib.Path
         A path, or ``package://<package>/<path in its share directory>``.
+    near : pathlib.Path, optional
+        File that names it: packages are searched in the folders above, too.
 
     Returns
     -------
@@ -274,7 +309,7 @@ def find_file(name: str | Path) -> Path:
         # Probably a text given in place of a name.
         raise FileNotFoundError(f'no file {str(name)[:LONGEST_QUOTED_PATH]} …')
     if str(name).startswith(SCHEME):
-        return _package_file(str(name))
+        return _package_file(str(name), near)
     try:
         path = Path(name).expanduser()
     except RuntimeError as error:
@@ -282,10 +317,10 @@ def find_file(name: str | Path) -> Path:
     return _regular(path)
 
 
-def _package_file(name: str) -> Path:
+def _package_file(name: str, near: Path | None) -> Path:
     """Return the path of a file of a package."""
     package, _, rest = name[len(SCHEME):].partition('/')
-    share = package_share(package)
+    share = package_share(package, near)
     # An absolute rest replaces the share directory.
     path = _regular(share / rest)
     if not any(path.resolve().is_relative_to(folder) for folder in _folders(package, share)):

@@ -325,7 +325,7 @@ def packages(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         (folder / 'a.txt').write_text(str(folder))
     (tmp_path / 'secret.txt').write_text('secret')
-    monkeypatch.setattr(resources, 'package_share', lambda package: share)
+    monkeypatch.setattr(resources, 'package_share', lambda package, near=None: share)
     return tmp_path
 
 

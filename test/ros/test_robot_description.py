@@ -42,6 +42,21 @@ def test_a_description_on_the_topic_is_taken(any_harness):
     any_harness.spin_until(lambda: status.head == 'no joint states of joint1, joint2, joint3')
 
 
+@pytest.mark.parametrize('kind', [ControllerNode, SimulatorNode])
+def test_a_xacro_is_expanded_with_its_arguments(harness, log, tmp_path, kind):
+    pytest.importorskip('xacro')
+    path = tmp_path / 'robot.urdf.xacro'
+    path.write_text('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+                    '<link name="a"/><link name="b"/><joint name="$(arg name)" '
+                    'type="continuous"><parent link="a"/><child link="b"/></joint></robot>')
+    node = harness.make(kind, robot=str(path), xacro_arguments=['name:=elbow'],
+                        **({'stack': POSTURE} if kind is ControllerNode else {}))
+    assert node.get_parameter('limits.elbow.velocity').value == float('inf')
+    if kind is ControllerNode:
+        told = 'no velocity limit for elbow; give it, with the values of the data sheet, by '
+        harness.spin_until(lambda: f'{told}limits: {{elbow: {{velocity: 0.5}}}}' in log())
+
+
 def test_a_description_that_cannot_even_be_decoded_is_refused(harness, log):
     status, description = waiting_controller(harness)
     description.publish(String(data='<?xml version="1.0" encoding="foo"?><robot name="a"/>'))
@@ -156,6 +171,9 @@ def test_limits_of_the_topics_robot_are_no_unknown_parameters(harness, log):
     ({'robot': '/nowhere/arm.urdf'}, 'no file /nowhere/arm.urdf'),
     ({'robot': '/nowhere/arm.yaml'}, 'no file /nowhere/arm.yaml'),
     ({'robot': 'package://nobody/arm.urdf'}, "package 'nobody'"),
+    ({'robot': 'robot_descriptions:nobody_description'}, 'nobody_description'),
+    ({'robot': str(PLANAR_DH), 'xacro_arguments': ['a:=1']}, 'are for the file of a xacro'),
+    ({'robot': str(PLANAR_DH), 'xacro_arguments': ['a=1']}, 'a xacro argument is name:=value'),
     ({'robot_description': 'arm.urdf'}, "must be URDF text, not 'arm.urdf'"),
 ])
 def test_a_faulty_robot_parameter_is_refused_with_its_name(harness, kind, parameters, told):

@@ -59,7 +59,7 @@ READER = 'ros.client.status'
 SPEAK_ROS = ('ros', 'tools.view', 'tools.recording', 'tools.demos')
 # What the library may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
-OPTIONAL = {('resources', 'ament_index_python')}
+OPTIONAL = {('resources', 'ament_index_python'), ('model.xacro_files', 'xacro')}
 # Lines of a module, with its licence, and of a class, with its docstrings.
 LONGEST, LONGEST_CLASS = 450, 300
 

@@ -96,7 +96,8 @@ def _check_driven(driven: Sequence[str], drivable: Sequence[str], mimics: MimicR
     if len(set(driven)) < len(driven):
         raise RobotError(f'driven joints named twice: {driven}')
     if not driven and not base.moves:
-        ranges = f'; their limits leave no range: {", ".join(still)}' if still else ''
+        ranges = f'; their limits leave no range: {", ".join(still)}; give others (limits)' \
+            if still else '; if it moves as a whole, set base'
         raise RobotError(f'the robot has no joint to drive{ranges}')
 
 

@@ -130,6 +130,16 @@ def in_degrees(names: Iterable[str], units: Iterable[str], lower: Iterable[float
             if unit == 'rad' and any(LARGEST_ANGLE < abs(end) < math.inf for end in (low, high))]
 
 
+def velocity_table(names: Sequence[str]) -> str:
+    """
+    Return YAML in one line that gives velocity limits, for a parameter file or in Python.
+
+    The values are those of a slow joint, for the user to replace.
+    """
+    rows = ', '.join(f'{name}: {{velocity: {DEFAULT_VELOCITY}}}' for name in names)
+    return f'limits: {{{rows}}}'
+
+
 def without_range(names: Sequence[str], elements: Mapping[str, Element],
                   mimics: MimicRules) -> list[str]:
     """Return the joints that cannot move because their limits, with followers, are equal."""

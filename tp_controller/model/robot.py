@@ -34,13 +34,16 @@ from tp_controller.model.limits import (
     nearest_to_zero,
 )
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
+from tp_controller.model.sources import describe, Source
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.model.urdf import build_model, check_tree, mimic_rules, moving_joints, parse
-from tp_controller.resources import MOST_XML_CHARACTERS, read_source
+from tp_controller.model.xacro_files import xacro_values, XacroArguments
 
 # Index of Pinocchio's universe frame, before all others.
 UNIVERSE_INDEX = 0
+# Suffixes of DH tables.
+DH_SUFFIXES = ('.yaml', '.yml')
 
 
 class Robot:
@@ -139,26 +142,23 @@ class Robot:
         self._set_limits(limit_arrays(self._base, self.joint_names, elements, mimics,
                                       limits or {}))
         self.passive_neutral = nearest_to_zero(self.passive_names, elements)
-        # The reach of a frame depends on them.
-        for name, lower, upper in zip(self.joint_names, self.lower[self.joint_columns],
-                                      self.upper[self.joint_columns]):
-            row = model.joints[model.getJointId(name)].idx_q
-            model.lowerPositionLimit[row], model.upperPositionLimit[row] = lower, upper
+        _set_ranges(model, self)
         self.kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
                                      self.passive_names, mimics)
         self.mass = self.kinematics.mass
 
     @classmethod
-    def from_urdf(cls, source: str | Path, base: str = 'fixed',
-                  joints: Sequence[str] | None = None, limits: LimitOverrides | None = None,
-                  world_frame: str = DEFAULT_WORLD) -> 'Robot':
+    def from_urdf(cls, source: Source, base: str = 'fixed', joints: Sequence[str] | None = None,
+                  limits: LimitOverrides | None = None, world_frame: str = DEFAULT_WORLD,
+                  xacro_arguments: XacroArguments | None = None) -> 'Robot':
         """
-        Return the robot of a URDF.
+        Return the robot of a URDF, or of what can be turned into one.
 
         Parameters
         ----------
-        source : str or pathlib.Path
-            URDF text, a file's path, or ``package://<package>/<path>``.
+        source : str, pathlib.Path or pinocchio.Model
+            Text in URDF or MJCF; a file in URDF, xacro or MJCF, by its path or as
+            ``package://<package>/<path>``; ``robot_descriptions:<name>``; or a model.
         base : str
             ``fixed``, ``planar``, ``differential``, ``floating`` or ``underwater``.
         joints : sequence of str, optional
@@ -170,6 +170,8 @@ class Robot:
             position limits, and 0.5 m/s or rad/s is the default of the others.
         world_frame : str
             Name of the frame that a base moves in.
+        xacro_arguments : dict or list of str, optional
+            ``{name: value}`` or ``['name:=value', …]``.
 
         Raises
         ------
@@ -179,11 +181,10 @@ class Robot:
             valid values.
 
         """
-        try:
-            urdf = read_source(source, lambda text: '<' in text, MOST_XML_CHARACTERS)
-        except (OSError, ValueError) as error:
-            raise RobotError(f'robot description: {error}') from error
-        return cls(urdf, joints, limits, base, world_frame)
+        found = describe(source, xacro_arguments)
+        robot = cls(found.urdf, joints, limits, base, world_frame)
+        robot.remarks += found.remarks_on(robot.moves)
+        return robot
 
     @classmethod
     def from_dh(cls, table: Table, convention: str | None = None,
@@ -203,13 +204,14 @@ class Robot:
         return cls(urdf_from_dh(table, convention), joints, limits, base, world_frame)
 
     @classmethod
-    def from_file(cls, name: str | Path, joints: Sequence[str] | None = None,
+    def from_file(cls, name: Source, joints: Sequence[str] | None = None,
                   limits: LimitOverrides | None = None, base: str = 'fixed',
-                  world_frame: str = DEFAULT_WORLD) -> 'Robot':
+                  world_frame: str = DEFAULT_WORLD,
+                  xacro_arguments: XacroArguments | None = None) -> 'Robot':
         """
-        Return the robot of a file: a DH table if it ends in ``.yaml`` or ``.yml``, else a URDF.
+        Return the robot of a file: a DH table if it ends in ``.yaml`` or ``.yml``.
 
-        The other arguments are those of `from_urdf`.
+        All other files, and the other arguments, are those of `from_urdf`.
 
         Raises
         ------
@@ -217,10 +219,12 @@ class Robot:
             The file is missing or its content is not usable.
 
         """
-        if Path(str(name)).suffix in ('.yaml', '.yml'):
-            return cls.from_dh(Path(name) if '://' not in str(name) else name,
-                               joints=joints, limits=limits, base=base, world_frame=world_frame)
-        return cls.from_urdf(name, base, joints, limits, world_frame)
+        if not isinstance(name, (str, Path)) or Path(name).suffix not in DH_SUFFIXES:
+            return cls.from_urdf(name, base, joints, limits, world_frame, xacro_arguments)
+        if xacro_values(xacro_arguments):
+            raise RobotError(f'xacro arguments are for the file of a xacro, not for {name}')
+        return cls.from_dh(Path(name) if '://' not in str(name) else name,
+                           joints=joints, limits=limits, base=base, world_frame=world_frame)
 
     def check_frame(self, name: object) -> str:
         """Return `name` if it is a frame of the robot, else raise `RobotError`."""
@@ -340,9 +344,22 @@ class Robot:
         for key, values in limits.values.items():
             setattr(self, key, values)
         self.continuous = limits.continuous
-        degrees = in_degrees(self.velocity_names, self.velocity_units, self.lower, self.upper)
-        self.remarks = (f'position limits beyond two turns, which look like degrees: '
-                        f'{", ".join(degrees)}; limits are in rad',) if degrees else ()
+        self.remarks = _degree_remarks(self)
+
+
+def _degree_remarks(robot: Robot) -> tuple[str, ...]:
+    """Return a remark on the position limits that look like degrees, if there are any."""
+    degrees = in_degrees(robot.velocity_names, robot.velocity_units, robot.lower, robot.upper)
+    return (f'position limits beyond two turns, which look like degrees: {", ".join(degrees)}; '
+            'limits are in rad',) if degrees else ()
+
+
+def _set_ranges(model: pinocchio.Model, robot: Robot) -> None:
+    """Set the position limits of a model to those of a robot: the reach of a frame needs them."""
+    for name, lower, upper in zip(robot.joint_names, robot.lower[robot.joint_columns],
+                                  robot.upper[robot.joint_columns]):
+        row = model.joints[model.getJointId(name)].idx_q
+        model.lowerPositionLimit[row], model.upperPositionLimit[row] = lower, upper
 
 
 def _with_world(frame_ids: dict[str, int], name: object) -> dict[str, int]:

@@ -76,6 +76,8 @@ def check_tree(tree: Element) -> None:
     _names(tree, 'joint')
     if len(links) > MOST_LINKS:
         raise RobotError(f'robot description: {len(links)} links; at most {MOST_LINKS} are read')
+    if not links:
+        raise RobotError('robot description: it is empty: there is no link')
     children = set()
     for joint in tree.findall('joint'):
         for end in ('parent', 'child'):

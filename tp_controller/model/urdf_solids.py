@@ -21,10 +21,12 @@ were missing; it accepts negative sizes, and names only the first of several mis
 """
 
 from collections.abc import Callable, Collection
+from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import coal
 import numpy as np
+import pinocchio
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.solids import Geometry, mesh_hull, Solid
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
@@ -78,6 +80,31 @@ def urdf_solids(urdf: str, links: Collection[str]) -> list[Solid]:
 def has_solids(urdf: str) -> bool:
     """Return whether a URDF, as text, gives any link a collision shape."""
     return any(link.find('collision') is not None for link in parse(urdf).findall('link'))
+
+
+def shape_element(shape: pinocchio.GeometryObject) -> Element | None:
+    """
+    Return the URDF element of the shape of a geometry object of Pinocchio.
+
+    None for planes and half-spaces, which are of the surroundings. An ellipsoid becomes the
+    sphere around it. A shape that URDF lacks keeps its name, for `urdf_solids` to refuse.
+    """
+    solid = shape.geometry
+    if isinstance(solid, (coal.Plane, coal.Halfspace)):
+        return None
+    if shape.meshPath and Path(shape.meshPath).is_absolute():
+        return Element('mesh', filename=FILE_SCHEME + shape.meshPath,
+                       scale=' '.join(repr(float(each)) for each in shape.meshScale))
+    if isinstance(solid, coal.Box):
+        return Element('box', size=' '.join(repr(2.0 * float(side)) for side in solid.halfSide))
+    if isinstance(solid, coal.Sphere):
+        return Element('sphere', radius=repr(float(solid.radius)))
+    if isinstance(solid, coal.Ellipsoid):
+        return Element('sphere', radius=repr(float(max(solid.radii))))
+    if isinstance(solid, (coal.Capsule, coal.Cylinder)):
+        return Element(type(solid).__name__.lower(), radius=repr(float(solid.radius)),
+                       length=repr(2.0 * float(solid.halfLength)))
+    return Element(type(solid).__name__.lower())
 
 
 def _urdf_solid(name: str, frame: str, element: Element) -> Solid:

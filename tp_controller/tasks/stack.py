@@ -16,7 +16,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from tp_controller.errors import EvaluationError, Fault, StackError
@@ -24,6 +24,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.state import RobotState
 from tp_controller.resources import read_source
 from tp_controller.solver.level import Level
+from tp_controller.tasks.stack_entries import read_entries
 from tp_controller.tasks.stack_reader import is_stack, names_of, StackReader
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.task_errors import attempt, check, CheckedEvaluator, is_foreign
@@ -41,10 +42,13 @@ class Stack:
 
     Parameters
     ----------
-    groups : iterable of iterable of Task
-        The tasks of each level, the highest priority first; `from_yaml` reads them.
+    groups : iterable of iterable of Task, or list
+        The tasks of each level, the highest priority first; with a `robot` the list that YAML
+        would give, such as ``[{'tool': {'type': 'pose', 'frame': 'tcp'}}]``.
+    robot : Robot, optional
+        Robot with the joints and frames that the tasks of a list name.
     text : str
-        YAML source of the tasks, if any.
+        YAML source of the tasks, if any; that of a list is made from it.
 
     Attributes
     ----------
@@ -64,11 +68,13 @@ class Stack:
     Raises
     ------
     StackError
-        The groups are not lists of tasks.
+        The groups are not lists of tasks, or a list has faults; all are named.
 
     """
 
-    def __init__(self, groups: Iterable[Iterable[Task]], text: str = '') -> None:
+    def __init__(self, groups: Iterable[Any], robot: Robot | None = None, text: str = '') -> None:
+        if robot is not None:
+            groups, text = read_entries(groups, robot)
         self.groups: Groups = _checked(groups)
         self.tasks = {task.name: task for group in self.groups for task in group}
         self.disabled: set[str] = set()
@@ -100,7 +106,7 @@ class Stack:
             text = read_source(source, is_stack)
         except (OSError, ValueError) as error:
             raise StackError([Fault(0, '', str(error))]) from error
-        return cls(StackReader(robot).read(text), text)
+        return cls(StackReader(robot).read(text), text=text)
 
     def copy(self) -> 'Stack':
         """
@@ -113,7 +119,8 @@ class Stack:
 
         """
         self.check_owner(None)
-        stack = Stack([[task.probe() for task in group] for group in self.groups], self.text)
+        stack = Stack([[task.probe() for task in group] for group in self.groups],
+                      text=self.text)
         stack.disabled = set(self.disabled)
         stack._arrange()
         return stack
@@ -258,8 +265,9 @@ def _checked(groups: Iterable[Iterable[Task]]) -> Groups:
         # Not a list of lists.
         pass
     raise StackError([Fault(0, '', 'a stack is made of levels, each a list of tasks, such as '
-                                   '[[tool], [posture]]; YAML is read by Stack.from_yaml(text, '
-                                   f'robot); got {repr(groups)[:MOST_SHOWN_CHARACTERS]}')])
+                                   '[[tool], [posture]]; a list of mappings is read by '
+                                   'Stack(list, robot), YAML by Stack.from_yaml(text, robot); '
+                                   f'got {repr(groups)[:MOST_SHOWN_CHARACTERS]}')])
 
 
 def levels_of(evaluations: Sequence[Sequence[Evaluation]]) -> list[Level]:

@@ -48,11 +48,13 @@ class StackReader:
     ----------
     robot : Robot
         Robot with the joints and frames that the tasks name.
+    place : str
+        Word for a line in messages.
 
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot, place: str = 'line') -> None:
+        self._robot, self._place = robot, place
         self._types = task_types()
         self._faults: list[Fault] = []
         self._lines_of_names: dict[str, int] = {}
@@ -142,7 +144,7 @@ class StackReader:
     def _valid_types(self, line: int) -> str:
         """Return the valid types as the end of a message; the full list only once."""
         if self._types_listed:
-            return f'; valid types: see line {self._types_listed}'
+            return f'; valid types: see {self._place} {self._types_listed}'
         self._types_listed = line
         return f'; valid: {", ".join(sorted(self._types))}'
 
@@ -153,7 +155,7 @@ class StackReader:
             self._fault(key, '', 'the name of a task must be a letter, then letters, digits or _, '
                                  f'at most 64 in all, not {shown}')
         elif name in self._lines_of_names:
-            self._fault(key, name, 'the name is used already, in line '
+            self._fault(key, name, f'the name is used already, in {self._place} '
                                    f'{self._lines_of_names[name]}')
         else:
             self._lines_of_names[name] = key.start_mark.line + 1

@@ -847,8 +847,8 @@ def test_stack_that_comes_back_has_the_newer_goal():
 
 
 @pytest.mark.parametrize('make, told', [
-    (lambda robot, stack: Stack([{'tool': {'type': 'posture'}}], robot), 'YAML is read by'),
-    (lambda robot, stack: Stack('stack.yaml'), "read by Stack.from_yaml.*got 'stack.yaml'"),
+    (lambda robot, stack: Stack([{'tool': {'type': 'posture'}}]), 'YAML by Stack.from_yaml'),
+    (lambda robot, stack: Stack('stack.yaml'), "by Stack.from_yaml.*got 'stack.yaml'"),
     (lambda robot, stack: Stack(list(stack.tasks.values())), r'such as \[\[tool\], \[posture\]\]'),
     (lambda robot, stack: Stack(None), 'got None'),
     (lambda robot, stack: Settings(rate=-3), "unknown setting 'rate'; valid: period, damping"),

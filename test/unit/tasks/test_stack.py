@@ -544,7 +544,7 @@ def test_types_are_listed_once_however_many_tasks_have_none():
     ('no/such/stack.yaml', 'no file no/such/stack.yaml'), ('', 'no file: its name is empty'),
     ('package://tp_controler/config/demo_stack.yaml',
      "package 'tp_controler' (did you mean 'tp_controller'?) is not found: it is not installed, "
-     'or its workspace is not sourced')])
+     'its workspace is not sourced, and it is in no folder of ROS_PACKAGE_PATH')])
 def test_a_stack_without_a_text_has_no_lines(source, told):
     with pytest.raises(StackError) as error:
         Stack.from_yaml(source, robots.planar())

@@ -29,7 +29,7 @@ FIXED = 'fixed while the node is configured'
 EQUAL = [1.0]
 # Values that replace the empty list, which has no type.
 EMPTY: Mapping[str, list[float] | list[str]] = {
-    'weights': EQUAL, 'joints': [''], 'command_joints': ['']}
+    'weights': EQUAL, 'joints': [''], 'command_joints': [''], 'xacro_arguments': ['']}
 # Prefix of the joint limits.
 LIMITS = 'limits.'
 # Prefix of gains and tolerances of the tasks.
@@ -115,8 +115,10 @@ def out_of_range(name: str, lower: float, upper: float, given: object, why: str)
 ROBOT = (
     Spec('robot_description', '', 'URDF text; goes before the topic of the same name',
          fixed=True),
-    Spec('robot', '', 'file of the robot: URDF, or DH table (.yaml); a path or '
-         'package://<package>/<path>; goes before robot_description', fixed=True),
+    Spec('robot', '', 'file of the robot: URDF, xacro, MJCF, or DH table (.yaml); a path or '
+         'package://<package>/<path>; or robot_descriptions:<name>; goes before '
+         'robot_description', fixed=True),
+    Spec('xacro_arguments', [''], 'arguments of a xacro, each name:=value', fixed=True),
     Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', fixed=True),
     Spec('world_frame', DEFAULT_WORLD, 'name of the frame that a base moves in, the one of its '
          'odometry', fixed=True),

@@ -22,6 +22,7 @@ import numpy as np
 from rclpy.node import Node
 from tp_controller.control.settings import Settings
 from tp_controller.errors import EvaluationError, in_words, SettingsError
+from tp_controller.model.limits import velocity_table
 from tp_controller.model.robot import Robot
 from tp_controller.ros.declarations.spec import TASKS
 from tp_controller.ros.interface.limit_parameters import LimitParameters
@@ -206,12 +207,13 @@ class ControlledRobot:
 
 def log_remarks(robot: Robot, log: Log) -> None:
     """Log unusual limits of a robot, and remarks about its description."""
-    for limit, what in ((np.inf, 'no velocity limit for'),
-                        (0.0, 'the velocity limit is zero, so nothing moves, for')):
+    for limit, what, cure in (
+            (np.inf, 'no velocity limit for', 'give it, with the values of the data sheet, by '),
+            (0.0, 'the velocity limit is zero, so nothing moves, for', 'raise it by ')):
         names = [name for name, given in zip(robot.velocity_names, robot.velocity)
                  if given == limit]
         if names:
-            log.warning(f'{what} {", ".join(names)}')
+            log.warning(f'{what} {", ".join(names)}; {cure}{velocity_table(names)}')
     for remark in robot.remarks:
         log.warning(remark)
 

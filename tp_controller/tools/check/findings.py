@@ -23,6 +23,7 @@ from tp_controller.control.cycle import TRANSITION
 from tp_controller.control.gains import decay_step, gain_faults, gain_remark, OVERSHOOT_STEP
 from tp_controller.control.joint_limits import VelocityLimit
 from tp_controller.control.units import with_unit
+from tp_controller.model.limits import velocity_table
 from tp_controller.tasks.joint import Joint
 from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import out_of_reach
@@ -84,14 +85,14 @@ def about_robot(setup: Setup) -> Iterator[Finding]:
     """Yield the findings about velocity limits, and the remarks of the robot."""
     robot = setup.robot
     for limit, what, change in (
-            (math.inf, 'no velocity limit', 'give it one in the description, or by the parameter '
-                                            'limits.<joint>.velocity'),
+            (math.inf, 'no velocity limit', 'give it, with the values of the data sheet, by'),
             (0.0, 'the velocity limit is zero, so it does not move',
-             'raise it, or leave the joint out of the driven ones')):
+             'leave the joint out of the driven ones, or raise it by')):
         names = [name for name, given in zip(robot.velocity_names, robot.velocity)
                  if given == limit]
         if names:
-            yield Finding(DOUBTFUL, 'velocity limit', ', '.join(names), what, change)
+            yield Finding(DOUBTFUL, 'velocity limit', ', '.join(names), what,
+                          f'{change} {velocity_table(names)}')
     for remark in robot.remarks:
         yield Finding(DOUBTFUL, 'remark', robot.name, remark,
                       'replace them by limits, or correct the description')

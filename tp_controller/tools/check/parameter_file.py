@@ -136,7 +136,7 @@ def flat(parameters: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: float | None,
-         joints: Sequence[str] | None = None) -> NodeSetup:
+         joints: Sequence[str] | None = None, xacro_arguments: Sequence[str] = ()) -> NodeSetup:
     """
     Return the robot, stack and settings of a node with parameter files.
 
@@ -150,8 +150,9 @@ def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: f
     rate : float or None
         The same [Hz]. If it is 0 in the files, one cycle for each joint state, the rate of the
         simulator is used.
-    joints : sequence of str, optional
-        The parameter of this name, with precedence.
+    joints, xacro_arguments : sequence of str, optional
+        The parameters of these names, with precedence; those of a xacro in the files do not
+        count for another `robot`.
 
     Returns
     -------
@@ -170,7 +171,9 @@ def read(files: Sequence[str | Path], stack: str, robot: str, base: str, rate: f
         ('stack', stack), ('base', base), ('rate', rate),
         ('joints', joints and list(joints))) if value})
     if robot:
-        given.update(robot=robot, robot_description='')
+        given.update(robot=robot, robot_description='', xacro_arguments=[])
+    if xacro_arguments:
+        given.update(xacro_arguments=list(xacro_arguments))
     refused = [*_drop_refused(given, DECLARED), *_drop_refused(simulated, SIMULATED)]
     faults: list[Exception] = [SettingsError(refused)] if refused else []
     settings = _try(faults, _settings, given)
@@ -268,7 +271,8 @@ def _robot(given: Mapping[str, Any], simulated: Mapping[str, Any]) -> Robot:
         'world_frame': given.get('world_frame', DEFAULT_WORLD)}
     for values in (given, simulated):
         if values.get('robot'):
-            return Robot.from_file(values['robot'], **options)
+            return Robot.from_file(values['robot'], **options, xacro_arguments=given.get(
+                'xacro_arguments', values.get('xacro_arguments')))
         if values.get('robot_description'):
             return Robot.from_urdf(values['robot_description'], **options)
     raise RobotError('no robot: give --robot a file (URDF, or DH table in YAML), or the parameter '

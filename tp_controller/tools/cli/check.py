@@ -36,6 +36,7 @@ examples:
   tp_controller check stack.yaml --robot robot.urdf --rate 200
   tp_controller check --params-file package://tp_controller/config/demo.yaml
   tp_controller check stack.yaml --robot robot.urdf --base differential --runs 100 --jobs -1
+  tp_controller check stack.yaml --robot ur.urdf.xacro --xacro-arg ur_type:=ur5e
   tp_controller check --params-file controller.yaml --params-file first.yaml
   tp_controller check --params-file controller.yaml --strict --json check.json --html check.html
 
@@ -121,7 +122,7 @@ def _report(options: argparse.Namespace) -> 'CheckReport':
     check_kinds(options.accept)
     try:
         given = read(options.params_file, options.stack, options.robot, options.base,
-                     options.rate, options.joints)
+                     options.rate, options.joints, options.xacro_arg)
     except Refused as error:
         if error.missing_file:
             raise

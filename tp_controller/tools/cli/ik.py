@@ -104,7 +104,7 @@ def run_ik(options: argparse.Namespace) -> int:
         return refuse(f'{options.output}: there is no folder {options.output.parent}')
     try:
         given = read(options.params_file, options.stack, options.robot, options.base, None,
-                     options.joints)
+                     options.joints, options.xacro_arg)
         table = read_table(options.csv) if options.csv else None
         if table is None:
             goals = parse_goals(options.goal)

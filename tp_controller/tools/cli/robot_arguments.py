@@ -25,8 +25,11 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
                         'package://<package>/<path> or YAML text (default: that of the parameter '
                         'file)')
     parser.add_argument('--robot', default='', metavar='FILE',
-                        help='the robot, as the parameter: URDF, or DH table (.yaml); a path or '
-                        'package://<package>/<path> (default: that of the parameter file)')
+                        help='the robot, as the parameter: URDF, xacro, MJCF, or DH table '
+                        '(.yaml); a path, package://<package>/<path>, or '
+                        'robot_descriptions:<name> (default: that of the parameter file)')
+    parser.add_argument('--xacro-arg', metavar='NAME:=VALUE', action='append', default=[],
+                        help='an argument of the robot, a xacro; several times for several')
     parser.add_argument('--base', default='', metavar='KIND',
                         help='how the base moves (default: as in the parameter file, else fixed)')
     parser.add_argument('--params-file', metavar='FILE', action='append', default=[],

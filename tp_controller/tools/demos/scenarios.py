@@ -125,4 +125,5 @@ def robot_of(file: Path) -> Robot:
     if 'robot' not in simulator:
         raise RobotError(f'{file}: no parameter robot of tp_simulator')
     return Robot.from_file(simulator['robot'], base=simulator.get('base', 'fixed'),
-                           limits=node_parameters(file, 'tp_controller').get('limits'))
+                           limits=node_parameters(file, 'tp_controller').get('limits'),
+                           xacro_arguments=simulator.get('xacro_arguments'))

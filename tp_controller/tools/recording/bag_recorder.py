@@ -301,7 +301,9 @@ class _ParameterRequest:
         file = values['robot'].string_value if 'robot' in values else ''
         if file:
             try:
-                urdf = Robot.from_file(file).urdf
+                arguments = values.get('xacro_arguments')
+                urdf = Robot.from_file(file, xacro_arguments=None if arguments is None else list(
+                    arguments.string_array_value)).urdf
             except TpControllerError:
                 # The file is on another machine, perhaps that of the reader of the bag.
                 return

@@ -49,7 +49,8 @@ def robot_of(history: History) -> Robot | None:
     own = f'/{history.node}/robot_description'
     urdf: str | None = history.descriptions.get(own) or _text(given, 'robot_description')
     if not urdf and _text(given, 'robot'):
-        return Robot.from_file(_text(given, 'robot'), **options)
+        return Robot.from_file(_text(given, 'robot'), **options,
+                               xacro_arguments=given.get('xacro_arguments'))
     if not urdf:
         topic = nearest(list(history.descriptions), ['robot_description'], history.namespace)
         urdf = history.descriptions.get(topic)

@@ -298,7 +298,8 @@ class Link:
         try:
             # The file may be on another machine; the published description is available here.
             robot = Robot.from_urdf(text, **options) if text \
-                else Robot.from_file(values['robot'], **options)
+                else Robot.from_file(values['robot'], **options,
+                                     xacro_arguments=values['xacro_arguments'])
         except TpControllerError as error:
             self.robot, self.fault = None, plain(in_words(error))
             return

@@ -184,3 +184,27 @@ def test_what_is_missing_is_told():
         with pytest.raises((Refused, SettingsError)) as missing:
             read(*arguments, '', None)
         assert 'none.' in str(missing.value)
+
+
+ROBOT_XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="joint" default="one"/><link name="a"/><link name="tip"/>
+<joint name="$(arg joint)" type="continuous"><parent link="a"/><child link="tip"/></joint></robot>
+"""
+
+
+@pytest.mark.parametrize('node', ['tp_controller', 'tp_simulator'])
+def test_a_xacro_has_its_arguments(file, tmp_path, node):
+    pytest.importorskip('xacro')
+    path = tmp_path / 'robot.xacro'
+    path.write_text(ROBOT_XACRO)
+    params = file(f'{node}: {{ros__parameters: {{robot: {path}, '
+                  "xacro_arguments: ['joint:=two']}}")
+    stack = '- rest: {type: posture}'
+    assert read([params], stack, '', '', None).robot.joint_names == ('two',)
+    given = read([params], stack, '', '', None, xacro_arguments=['joint:=three'])
+    assert given.robot.joint_names == ('three',)
+    # Those of the file are not about another robot.
+    assert read([params], stack, str(path), '', None).robot.joint_names == ('one',)
+    assert read([params], stack, str(PLANAR_DH), '', None).robot.n == 3
+    with pytest.raises(Refused, match="a xacro argument is name:=value, .* not 'joint=two'"):
+        read([params], stack, str(path), '', None, xacro_arguments=['joint=two'])

@@ -181,3 +181,19 @@ def test_joints_that_are_driven_can_be_named(capsys, tmp_path):
     assert CheckReport.from_json(path.read_text()).levels[0].rank == 1
     status, out, _ = run(capsys, GOOD, '--joints', 'joint9')
     assert status == 1 and "'joint9'" in out
+
+
+def test_a_xacro_is_checked_with_its_arguments(capsys, tmp_path):
+    pytest.importorskip('xacro')
+    path = tmp_path / 'robot.urdf.xacro'
+    path.write_text('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+                    '<xacro:arg name="length" default="0"/><link name="a"/><link name="tip"/>'
+                    '<joint name="$(arg name)" type="continuous"><parent link="a"/>'
+                    '<child link="tip"/><origin xyz="$(arg length) 0 0"/></joint></robot>')
+    stack = '- rest: {type: posture}'
+    status, out, _ = run(capsys, stack, '--xacro-arg', 'name:=elbow', '--xacro-arg', 'length:=2',
+                         robot=str(path))
+    assert status == 0 and 'elbow: no velocity limit' in out
+    assert 'limits: {elbow: {velocity: 0.5}}' in out
+    status, out, _ = run(capsys, stack, '--xacro-arg', 'nam:=elbow', robot=str(path))
+    assert status == 1 and "argument 'name' has no value; give it one, as name:=value" in out
