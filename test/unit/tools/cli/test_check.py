@@ -196,4 +196,6 @@ def test_a_xacro_is_checked_with_its_arguments(capsys, tmp_path):
     assert status == 0 and 'elbow: no velocity limit' in out
     assert 'limits: {elbow: {velocity: 0.5}}' in out
     status, out, _ = run(capsys, stack, '--xacro-arg', 'nam:=elbow', robot=str(path))
-    assert status == 1 and "argument 'name' has no value; give it one, as name:=value" in out
+    # Lines are as long as the path of the file leaves them.
+    assert status == 1
+    assert "argument 'name' has no value; give it one, as name:=value" in ' '.join(out.split())
