@@ -176,9 +176,9 @@ STATUS = {
 
 def table(head, rows):
     """Return a table in Markdown."""
-    lines = [head, ['---'] * len(head), *rows]
-    return '\n'.join('| ' + ' | '.join(str(cell).replace('|', r'\|') for cell in line) + ' |'
-                     for line in lines) + '\n'
+    titles, *lines = ['| ' + ' | '.join(str(cell).replace('|', r'\|') for cell in line) + ' |'
+                      for line in (head, *rows)]
+    return '\n'.join((titles, '|' + '---|' * len(head), *lines)) + '\n'
 
 
 def literal(value):
