@@ -619,7 +619,7 @@ FAULTS = [
              'raise it|leave the joint out', '⟨third⟩', limits=joint_limits_of(2, velocity=0.0),
              **STILL),
     *mistake('no velocity limit', ('planar', 'panda', 'xarm7'), [PLANE], 'velocity limit',
-             'give it one', '⟨third⟩', limits=joint_limits_of(2, velocity=math.inf), **STILL),
+             'give it, with|velocity: 0.5', '⟨third⟩', limits=joint_limits_of(2, velocity=math.inf), **STILL),
     *mistake('no acceleration limits', ('panda', 'xarm7', 'z1'),
              [LIMITS, of_gain(POSE, 8.0)], 'jump', 'acceleration limit', '.',
              limits={'*': {'acceleration': math.inf}}, rate=50.0),
