@@ -14,7 +14,9 @@
 
 """Goals that a controller reaches by a posture, where the straight way is blocked."""
 
+import numpy as np
 from tp_controller.control.controller import Controller
+from tp_controller.control.lead import ARRIVED
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import Array
 from tp_controller.positions.solve_position import PositionSolver
@@ -41,12 +43,16 @@ def set_goal_by_posture(controller: Controller, name: str, goal: Goal,
         Remarks about the goal. If no posture reaches it, this is one of them, and the task moves
         straight towards it.
 
+    A disabled task gets its goal as by `Controller.set_goal`.
+
     Raises
     ------
     GoalError
         As `Controller.set_goal`; or no joint positions have arrived yet.
 
     """
+    if name in controller.stack.disabled:
+        return controller.set_goal(name, goal, now, frame)
     place = controller.configuration()
     if place is None:
         raise GoalError('a goal that is reached by a posture needs joint positions, and none have '
@@ -55,9 +61,19 @@ def set_goal_by_posture(controller: Controller, name: str, goal: Goal,
     q, passive = place
     found = PositionSolver(controller.robot, controller.stack).solve(
         {name: parsed}, q, passive=passive, timeout=LONGEST_SEARCH)
-    remarks = controller.set_goal(name, goal, now, frame,
-                                  posture=found.q if found.reached else None)
+    reason = '' if found.reached else next(
+        task.reason for task in found.tasks if task.name == name) or 'a task above is in the way'
     if found.reached:
-        return remarks
-    reason = next(task.reason for task in found.tasks if task.name == name)
-    return (*remarks, f'no posture reaches it: {reason or "another task above does not allow it"}')
+        reason = _unable(controller, np.abs(found.q - q))
+    remarks = controller.set_goal(name, goal, now, frame, posture=None if reason else found.q)
+    return (*remarks, f'no posture reaches it: {reason}') if reason else remarks
+
+
+def _unable(controller: Controller, way: Array) -> str:
+    """Return the reason why joints cannot move so far (n,); empty if all can."""
+    robot = controller.robot
+    if robot.moves:
+        return ''
+    names = [name for name, limit, distance in zip(robot.joint_names, robot.velocity, way)
+             if limit == 0.0 and distance > ARRIVED]
+    return f'{", ".join(names)} cannot move, with a velocity limit of zero' if names else ''

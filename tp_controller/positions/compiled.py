@@ -111,7 +111,7 @@ class Searches:
             self._compiled = _CompiledTasks(robot, tasks, core.Search(robot.lower, robot.upper),
                                             motion)
 
-    def begin(self, passive: Array | None) -> None:
+    def begin(self, passive: Array) -> None:
         """Begin with the present inputs of the tasks and passive positions (p,)."""
         if self._compiled is not None:
             self._compiled.refresh(passive)
@@ -198,12 +198,13 @@ class _CompiledTasks:
     def _place(self, passive: Array) -> None:
         """Set the passive positions (p,), which no search changes."""
         kinematics, q = self._robot.kinematics, self._robot.neutral()
+        self._passive = passive
         self._motion.move(q, kinematics.offset_at(passive),
                           kinematics.base.placement(q) if self._robot.moves else None)
 
-    def refresh(self, passive: Array | None) -> None:
+    def refresh(self, passive: Array) -> None:
         """Read inputs of tasks that have changed, and set the passive positions (p,)."""
-        if passive is not None:
+        if not np.array_equal(passive, self._passive):
             self._place(passive)
         if self._watch.changed:
             self._watch.changed = False

@@ -49,7 +49,7 @@ class SearchOptions:
         if not _is_whole(self.attempts, MOST_ATTEMPTS) or self.attempts == 0:
             faults.append(f'attempts must be a whole number from 1 to {MOST_ATTEMPTS}, '
                           f'not {self.attempts!r}')
-        if not isinstance(self.timeout, (int, float, np.number)) or not self.timeout > 0.0:
+        if not _is_time(self.timeout):
             faults.append(f'timeout must be more than 0 s, not {self.timeout!r}')
         if not _is_whole(self.seed, math.inf):
             faults.append(f'seed must be a whole number that is not negative, not {self.seed!r}')
@@ -72,3 +72,13 @@ def _is_whole(value: object, most: float) -> bool:
     """Return whether a value is a whole number from 0 to `most`."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool) \
         and 0 <= int(value) <= most
+
+
+def _is_time(value: object) -> bool:
+    """Return whether a value is a time that is not over at once, perhaps infinite."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        return False
+    try:
+        return float(value) > 0.0
+    except (OverflowError, TypeError):
+        return False

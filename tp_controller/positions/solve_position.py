@@ -14,13 +14,14 @@
 
 """Inverse kinematics of a stack, in one call."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from threading import Lock
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.errors import GoalError, unknown
+from tp_controller.errors import GoalError, RobotError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.positions.choice import CRITERIA, unwound, whole_turns
@@ -47,7 +48,8 @@ class PositionSolver:
     Inverse kinematics of a stack: configurations at which its goals are reached.
 
     Every level has the least error that the levels above it allow, within the position limits.
-    The stack is not changed, and a controller may be using it.
+    The stack is not changed, and a controller may be using it. Calls from several threads wait for
+    each other; give each thread a solver of its own.
 
     Parameters
     ----------
@@ -73,6 +75,7 @@ class PositionSolver:
         # Names of the tasks with goals of the present call, and number of levels with them.
         self._named: set[str] = set()
         self._needed = 0
+        self._lock = Lock()
 
     def solve(self, goals: Mapping[str, Goal] | None = None, start: ArrayLike | None = None, *,
               attempts: int = 40, timeout: float = 0.05, seed: int = 0,
@@ -89,7 +92,7 @@ class PositionSolver:
             {task: goal}, as `Controller.set_goal` takes them, in the reference frame of the task;
             by default the goals in the stack. A task without a goal keeps its value at `start`.
         start : array_like (nq,), optional
-            Configuration [rad or m]; `Robot.neutral` by default.
+            Configuration [rad or m], moved within the position limits; `Robot.neutral` by default.
         attempts : int
             Largest number of descents, 1 to 10,000.
         timeout : float
@@ -123,12 +126,14 @@ class PositionSolver:
 
         """
         options = SearchOptions(attempts, timeout, seed, criterion)
-        end = time.perf_counter() + timeout
-        begin = self._begin(goals, start, passive)
-        found = [unwound(self._tasks, each, begin) for each in self._search(begin, options, end)]
-        best = found[0] if len(found) == 1 else min(
-            found, key=lambda each: CRITERIA[criterion](self._tasks, each.q, begin))
-        return self._solution(best)
+        with self._lock:
+            end = time.perf_counter() + timeout
+            begin = self._begin(goals, start, passive)
+            found = [unwound(self._tasks, each, begin)
+                     for each in self._search(begin, options, end)]
+            best = found[0] if len(found) == 1 else min(
+                found, key=lambda each: CRITERIA[criterion](self._tasks, each.q, begin))
+            return self._solution(best)
 
     def solve_directly(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
                        timeout: float, passive: ArrayLike | None = None
@@ -151,6 +156,13 @@ class PositionSolver:
             See `solve`.
 
         """
+        with self._lock:
+            return self._solve_directly(goals, starts, timeout, passive)
+
+    def _solve_directly(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
+                        timeout: float, passive: ArrayLike | None
+                        ) -> dict[int, PositionSolution]:
+        """Return, by their index, the results for goals that the first descent reaches."""
         each_its_own = starts is not None and starts.ndim == 2
         begin = self._begin({name: given[0] for name, given in goals.items()},
                             starts[0] if starts is not None and each_its_own else starts, passive)
@@ -177,15 +189,25 @@ class PositionSolver:
             {name: given[index] for name, given in parsed.items()})
             for index in np.flatnonzero(direct).tolist()}
 
+    def check_names(self, names: Iterable[str]) -> None:
+        """Raise `GoalError` unless all are names of tasks with a position."""
+        tasks = self._tasks.stack.tasks
+        for name in names:
+            if name not in tasks:
+                raise GoalError(unknown('task with a position', name, tasks))
+
     def _begin(self, goals: Mapping[str, Goal] | None, start: ArrayLike | None,
                passive: ArrayLike | None) -> Array:
         """Set the goals and passive positions, and return the start (nq,), within the limits."""
         if goals is not None and not isinstance(goals, Mapping):
             raise GoalError(f'goals needs a mapping, such as {{"tool": pose}}, not {goals!r}')
-        state = self._tasks.place(self._robot.neutral() if start is None else start,
-                                  self._passive if passive is None else passive)
-        if passive is not None:
-            self._passive = np.array(passive, dtype=float)
+        robot = self._robot
+        if passive is not None and not robot.passive_names and np.size(passive):
+            raise RobotError('passive needs no positions: the robot has no passive joints')
+        passive = self._passive if passive is None else np.array(passive, dtype=float)
+        state = self._tasks.place(robot.neutral() if start is None else start, passive)
+        state = self._tasks.place(self._tasks.within_limits(state.q), passive)
+        self._passive = passive
         stack = self._tasks.stack
         for task in stack.active_tasks:
             self._restore(task)
@@ -197,8 +219,8 @@ class PositionSolver:
         self._needed = max((level for level, group in enumerate(self._tasks.groups, 1)
                             if any(task.name in self._named for task in group)), default=0)
         stack.start(state)
-        self._searches.begin(None if passive is None else self._passive)
-        return self._tasks.within_limits(state.q)
+        self._searches.begin(passive)
+        return np.array(state.q)
 
     def _restore(self, task: Task) -> None:
         """Restore the goal that a task has in the stack, if a call has changed it."""
@@ -210,10 +232,9 @@ class PositionSolver:
 
     def _parsed(self, name: str, goal: Goal) -> Goal:
         """Return the goal of a task in internal form, or raise `GoalError`."""
-        tasks = self._tasks.stack.tasks
-        if name not in tasks:
-            raise GoalError(unknown('task with a position', name, tasks))
-        return accept(tasks[name], tasks[name].parse_goal, goal)
+        self.check_names([name])
+        task = self._tasks.stack.tasks[name]
+        return accept(task, task.parse_goal, goal)
 
     def _search(self, begin: Array, options: SearchOptions, end: float) -> list[Attempts]:
         """Return configurations that meet the needed levels; if there is none, the best one."""

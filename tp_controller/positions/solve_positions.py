@@ -14,7 +14,7 @@
 
 """Inverse kinematics of many goals, on several threads."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import os
 from typing import Any
@@ -68,11 +68,18 @@ def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goa
         See there.
 
     """
-    count = _count(goals)
-    starts = None if start is None else np.asarray(start, dtype=float)
+    goals = _lists(goals)
+    count = len(next(iter(goals.values())))
+    options_of({name: value for name, value in options.items() if name != 'passive'})
+    if not count:
+        PositionSolver(robot, stack).check_names(goals)
+    try:
+        starts = None if start is None else np.asarray(start, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise RobotError(f'start needs configurations: {error}') from error
     if starts is not None and starts.ndim == 2 and len(starts) != count:
         raise RobotError(f'start needs one configuration, or {count}, got {len(starts)}')
-    if not isinstance(jobs, int) or isinstance(jobs, bool) or jobs == 0 or jobs < -1:
+    if not isinstance(jobs, (int, np.integer)) or isinstance(jobs, bool) or jobs == 0 or jobs < -1:
         raise SettingsError([f'jobs must be a whole number from 1, or -1, not {jobs!r}'])
     threads = len(os.sched_getaffinity(0)) if jobs == -1 else jobs
     chunks = [range(first, min(first + GOALS_OF_A_CALL, count))
@@ -110,15 +117,19 @@ def _solve(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], starts: 
         started(index), **options) for index in chunk]
 
 
-def _count(goals: Mapping[str, Sequence[Goal]]) -> int:
-    """Return the number of goals of each task, or raise `GoalError`."""
-    try:
-        counts = {name: len(given) for name, given in goals.items()}
-    except (AttributeError, TypeError) as error:
-        raise GoalError('goals need a mapping of tasks to sequences of goals, such as '
-                        f'{{"tool": poses}}: {error}') from error
-    if len(set(counts.values())) != 1:
+def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, list[Goal]]:
+    """Return the goals of each task, as many for all tasks, or raise `GoalError`."""
+    if not isinstance(goals, Mapping):
+        raise GoalError(f'goals need a mapping of tasks to sequences of goals, such as '
+                        f'{{"tool": poses}}, not {goals!r}')
+    found = {}
+    for name, given in goals.items():
+        if isinstance(given, (Mapping, str)) or not isinstance(given, Iterable) \
+                or np.ndim(given) == 0 and isinstance(given, np.ndarray):
+            raise GoalError(f'the goals of task {name!r} need a sequence, not {given!r}')
+        found[name] = list(given)
+    if len({len(given) for given in found.values()}) != 1:
         raise GoalError('goals needs one number of goals for all tasks, got '
-                        + (', '.join(f'{name}: {count}' for name, count in counts.items())
+                        + (', '.join(f'{name}: {len(given)}' for name, given in found.items())
                            or 'no task'))
-    return next(iter(counts.values()))
+    return found

@@ -134,14 +134,27 @@ def test_goal_that_no_posture_reaches_is_approached_straight_with_the_reason():
     assert controller.stack.tasks['tool'].goal[2, 3] == 2.5
 
 
-def test_joint_without_speed_makes_no_demand_undefined():
+def test_joint_that_cannot_move_leads_straight():
     robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint7': {'velocity': 0.0}})
     controller = controller_of(robot=robot)
-    assert set_goal_by_posture(controller, 'tool', poses(1)[0], 0.0) == ()
-    path, commands = run(controller, READY, 50)
+    assert set_goal_by_posture(controller, 'tool', poses(1)[0], 0.0) == (
+        'no posture reaches it: panda_joint7 cannot move, with a velocity limit of zero',)
+    assert not controller.stack.tasks['tool'].led
+    # A lead that a user gives moves the others all the same.
+    posture = READY + [0.2, 0.1, 0.0, -0.2, 0.1, 0.1, 0.3]
+    controller.set_goal('tool', poses(1)[0], 0.0, posture=posture)
+    path, _ = run(controller, READY, 100)
     assert np.isfinite(path).all()
     assert path[-1][6] == READY[6]
     assert np.abs(path[-1] - READY).max() > 0.1
+
+
+def test_disabled_task_gets_its_goal():
+    controller = controller_of()
+    controller.enable('tool', False)
+    goal = poses(1)[0]
+    assert set_goal_by_posture(controller, 'tool', goal, 0.0) == ()
+    np.testing.assert_allclose(controller.stack.tasks['tool'].goal, goal)
 
 
 def test_next_goal_ends_the_approach():

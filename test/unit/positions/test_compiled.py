@@ -72,7 +72,7 @@ def test_searches_are_those_of_the_reference(name, base):
                     task.goal = None
                     task.start(robot.state(goal))
             needed = min(2, len(tasks.groups))
-            searches.begin(None)
+            searches.begin(robot.passive_neutral)
             first = searches.find(np.array(starts), needed, np.inf)
             found.append((first, searches.finish(first, np.inf)))
         (one, last), (other, last_of_other) = found
@@ -97,7 +97,7 @@ def test_one_step_is_that_of_the_reference(base, monkeypatch):
                 if not task.bounded:
                     task.goal = None
                     task.start(robot.state(near))
-            searches.begin(None)
+            searches.begin(robot.passive_neutral)
             found.append(searches.find(tasks.within_limits(q)[np.newaxis], 3, np.inf))
         np.testing.assert_allclose(found[0].q, found[1].q, rtol=0.0, atol=1e-9)
 

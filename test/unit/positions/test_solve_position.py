@@ -14,6 +14,7 @@
 
 """Inverse kinematics of a stack: goals that are reached, and the nearest point to others."""
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 import importlib
 
@@ -27,6 +28,7 @@ from tp_controller import (
     EvaluationError,
     GoalError,
     PositionSolver,
+    Robot,
     RobotError,
     SettingsError,
     solve_position,
@@ -336,6 +338,35 @@ def test_passive_positions_are_those_given():
     assert found.tasks[0].reached
 
 
+def test_refused_call_leaves_the_passive_positions_that_count():
+    robot = Robot.from_file(robots.PANDA_DH, joints=[
+        'panda_joint2', 'panda_joint4', 'panda_joint6'])
+    its = PositionSolver(robot, Stack.from_yaml(
+        f'- tool: {{type: position, frame: {TOOL}, axes: xz}}', robot))
+    passive = [0.5, 0.2, 0.1, 0.0]
+    goal = {'tool': robot.state([0.3, -1.0, 1.5], passive).position(TOOL)}
+    assert its.solve(goal, passive=passive, **PATIENT).reached
+    with pytest.raises(GoalError):
+        its.solve({'tool': [1.0]}, passive=np.zeros(4))
+    found = its.solve(goal, **PATIENT)
+    assert found.reached == found.tasks[0].reached
+    for wrong in (np.zeros(3), [np.nan] * 4):
+        with pytest.raises(RobotError, match='passive'):
+            its.solve(goal, passive=wrong)
+    with pytest.raises(RobotError, match='no passive joints'):
+        solver('Panda')[1].solve(passive=[1.0])
+
+
+def test_calls_of_several_threads_do_not_disturb_each_other():
+    robot, its = solver('Panda')
+    goals = [pose_at(robot, posture(robot, seed), TOOL) for seed in range(12)]
+    expected = [its.solve({'tool': goal}, **PATIENT).q.tolist() for goal in goals]
+    with ThreadPoolExecutor(4) as pool:
+        for _ in range(3):
+            found = list(pool.map(lambda goal: its.solve({'tool': goal}, **PATIENT), goals))
+            assert [each.q.tolist() for each in found] == expected
+
+
 def test_task_that_python_evaluates_takes_part():
     robot = robots.panda()
 
@@ -387,6 +418,15 @@ def test_timeout_ends_a_search_with_the_best_so_far():
     assert_within_limits(robot, found.q)
 
 
+def test_values_at_a_start_beyond_a_limit_are_those_at_the_limit():
+    robot = robots.panda()
+    start = robot.upper + 0.5
+    stack = Stack.from_yaml('- posture: {type: posture}', robot)
+    found = solve_position(robot, stack, start=start)
+    np.testing.assert_array_equal(found.q, robot.upper)
+    assert found.tasks[0].reached
+
+
 def test_start_beyond_a_limit_is_moved_to_it():
     robot, its = solver('Panda')
     start = np.array(robots.PANDA_READY)
@@ -404,7 +444,9 @@ def test_start_beyond_a_limit_is_moved_to_it():
     ({'attempts': 0}, SettingsError, 'attempts must be a whole number from 1'),
     ({'attempts': 2.5}, SettingsError, 'attempts'),
     ({'timeout': 0.0}, SettingsError, 'timeout must be more than 0 s'),
-    ({'timeout': None}, SettingsError, 'timeout'),
+    ({'timeout': None}, SettingsError, 'timeout'), ({'timeout': 10 ** 400}, SettingsError,
+                                                    'timeout'),
+    ({'timeout': True}, SettingsError, 'timeout'), ({'timeout': np.nan}, SettingsError, 'timeout'),
     ({'seed': -1}, SettingsError, 'seed'),
     ({'seed': True}, SettingsError, 'seed'),
     ({'criterion': 'fastest'}, SettingsError, 'unknown criterion .fastest.*nearest'),

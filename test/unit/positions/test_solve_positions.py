@@ -14,6 +14,8 @@
 
 """Inverse kinematics of many goals: the answers of one by one."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 import robots
@@ -57,9 +59,24 @@ def test_answers_are_those_of_single_calls(jobs, each):
     assert found[8].tasks[0].reached
 
 
+def test_goals_may_be_any_sequence_or_none():
+    robot = robots.panda()
+    stack, goal = Stack.from_yaml(TEXT, robot), robot.state(robot.neutral()).pose(TOOL)
+    for given in (deque([goal, goal]), (goal, goal), np.array([goal, goal]), iter([goal, goal])):
+        assert len(solve_positions(robot, stack, {'tool': given}, jobs=np.int64(2))) == 2
+    assert solve_positions(robot, stack, {'tool': np.zeros((0, 7))}) == []
+
+
 @pytest.mark.parametrize(('arguments', 'error', 'text'), [
     ({'goals': {}}, GoalError, 'no task'), ({'goals': 5}, GoalError, 'goals need a mapping'),
-    ({'goals': {'tool': 5}}, GoalError, 'goals need a mapping'),
+    ({'goals': {'tool': 5}}, GoalError, 'need a sequence'),
+    ({'goals': {'tool': {'a': 1}}}, GoalError, 'need a sequence'),
+    ({'goals': {'tool': 'abc'}}, GoalError, 'need a sequence'),
+    ({'goals': {'tool': np.array(1.0)}}, GoalError, 'need a sequence'),
+    ({'goals': {'tool': []}, 'attempts': -3}, SettingsError, 'attempts'),
+    ({'goals': {'hand': []}}, GoalError, "position 'hand'"),
+    ({'start': 'abc'}, RobotError, 'start'), ({'start': [[1.0], [1.0, 2.0]]}, RobotError, 'start'),
+    ({'tries': 3}, SettingsError, "unknown option 'tries'"),
     ({'goals': {'tool': np.zeros((2, 7)), 'posture': np.zeros((3, 7))}}, GoalError,
      'tool: 2, posture: 3'),
     ({'goals': {'tool': np.zeros((2, 7))}}, GoalError, 'tool'),

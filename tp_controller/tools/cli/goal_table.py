@@ -59,6 +59,8 @@ def parse_goals(texts: Sequence[str]) -> dict[str, Any]:
     for text in texts:
         task, equals, given = text.partition('=')
         task, given = task.strip(), given.strip()
+        if task in goals:
+            raise GoalError(f'two goals for task {task!r}')
         if not equals or not task or not given:
             raise GoalError(f'{text!r} is not of the form TASK=NUMBERS, such as '
                             'tool=0.4,0.2,0.5,1,0,0,0')
@@ -83,7 +85,7 @@ def read_table(path: Path) -> GoalTable:
 
     """
     try:
-        with path.open(newline='', encoding='utf-8') as file:
+        with path.open(newline='', encoding='utf-8-sig') as file:
             reader = csv.reader(file, skipinitialspace=True)
             head = [name.strip() for name in next(reader, [])]
             rows = [(reader.line_num, row) for row in reader if row]
@@ -97,6 +99,7 @@ def read_table(path: Path) -> GoalTable:
     if not columns or len(set(columns)) < len(columns):
         raise GoalError(f'{path}: line 1 needs a name for each column, each once, such as '
                         'tool.x,tool.y,tool.z')
+    _check_parts(path, columns)
     table = GoalTable({task: [] for task, _ in columns if task != 'start'}, [])
     for line, row in rows:
         values = _values(f'{path}: line {line}', columns, row)
@@ -113,6 +116,15 @@ def _column(path: Path, name: str) -> tuple[str, str]:
         raise GoalError(f'{path}: line 1: {name!r} is not of the form <task>.<part>, with a part '
                         f'of {", ".join(POSE_PARTS)} or a joint')
     return task, part
+
+
+def _check_parts(path: Path, columns: Sequence[tuple[str, str]]) -> None:
+    """Raise `GoalError` unless each goal has x, y, z, a quaternion, both, or joints."""
+    for name in dict.fromkeys(task for task, _ in columns):
+        parts = {part for task, part in columns if task == name} & set(POSE_PARTS)
+        if parts not in (set(), set(POSE_PARTS), set(POSE_PARTS[:3]), set(POSE_PARTS[3:])):
+            raise GoalError(f'{path}: line 1: {name} has {", ".join(sorted(parts))}; valid: x, y '
+                            'and z, or qx, qy, qz and qw, or all of them, or joints')
 
 
 def _values(where: str, columns: Sequence[tuple[str, str]], row: Sequence[str]

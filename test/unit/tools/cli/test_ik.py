@@ -103,6 +103,7 @@ def test_table_of_goals_gives_a_table_of_configurations(capsys, tmp_path):
 
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--goal', 'tip'], "'tip' is not of the form TASK=NUMBERS"),
+    (['--goal', 'tip=1, 2, 0', '--goal', 'tip=2, 1, 0'], "two goals for task 'tip'"),
     (['--goal', 'tip=[1, 2'], 'the goal of task .tip.'),
     (['--goal', 'tip=1, 2'], 'needs 3 numbers'), (['--goal', 'tap=1, 2, 3'], "position 'tap'"),
     (['--start', 'joint9=1'], "unknown joint 'joint9'"),
@@ -122,13 +123,21 @@ def test_arguments_that_are_not_valid_are_named(capsys, tmp_path, monkeypatch, a
     ('x,y\n1,2\n', "'x' is not of the form <task>.<part>"),
     ('tip.x,tip.y,tip.z\n1,2\n', 'line 2: needs 3 numbers, got 2'),
     ('tip.x,tip.y,tip.z\n1,2,3\n1,two,3\n', "line 3: tip.y is not a number: 'two'"),
-    ('tip.x,tip.y\n1,2\n', 'needs 3 numbers'), ('tip.x,tip.y,tip.z\n', 'no goals')], ids=str)
+    ('tip.x,tip.y\n1,2\n', 'tip has x, y; valid: x, y and z, or qx'),
+    ('tip.x,tip.y,tip.z,tip.qw\n1,0,0,0\n', 'tip has qw, x, y, z; valid'),
+    ('tip.x,tip.y,tip.z\n', 'no goals')], ids=str)
 def test_faults_of_a_table_are_named_with_their_line(capsys, tmp_path, table, text):
     path = tmp_path / 'goals.csv'
     path.write_text(table)
     status, _, err = run(capsys, TIP, '--csv', path)
     assert status == 2
     assert text in err
+
+
+def test_mark_that_a_spreadsheet_writes_is_no_part_of_a_name(capsys, tmp_path):
+    path = tmp_path / 'goals.csv'
+    path.write_text('\ufefftip.x,tip.y,tip.z\n1,0.5,0\n', encoding='utf-8')
+    assert run(capsys, TIP, '--csv', path)[0] == 0
 
 
 def test_unknown_stack_or_robot_is_refused(capsys, tmp_path):
