@@ -39,40 +39,56 @@ class Search {
   Search(const Search &) = delete;
 
   PositionStack tasks;
-  Point best;
+  // Configurations that meet the needed levels, or the best one.
+  std::vector<Point> found{1};
+  size_t count = 0;
+  int descents = 0;
 
-  // The number of descents, each from one of `starts` (count, nq), until the first levels are met.
-  int find(const double *starts, size_t count, size_t needed, Descent::Clock::time_point stop) {
+  // Descend from each of `starts` (number, nq), until `wanted` configurations meet the first levels.
+  void find(const double *starts, size_t number, size_t needed, size_t wanted,
+            Descent::Clock::time_point stop) {
     descent_.stop = stop;
-    int descents = 0;
-    for (size_t i = 0; i < count; ++i) {
-      found_.q.assign(starts + i * tasks.nq(), starts + (i + 1) * tasks.nq());
-      tasks.evaluate(found_);
+    descents = 0;
+    count = 0;
+    for (size_t i = 0; i < number && count < wanted; ++i) {
+      tried_.q.assign(starts + i * tasks.nq(), starts + (i + 1) * tasks.nq());
+      tasks.evaluate(tried_);
       descent_.begin();
-      descent_.approach(found_, needed);
-      if (!descents || is_better(found_, best, needed)) std::swap(best, found_);
+      descent_.approach(tried_, needed);
       ++descents;
-      if (best.cost(0, needed) <= MET || descent_.out_of_time()) break;
+      if (is_met(tried_, needed)) {
+        if (needed < tried_.costs.size()) reduce_all(tried_);
+        if (found.size() <= count) found.emplace_back();
+        std::swap(found[count++], tried_);
+      } else if (!count && (descents == 1 || is_better(tried_, found[0], needed))) {
+        std::swap(found[0], tried_);
+      }
+      if (descent_.out_of_time()) break;
     }
-    return descents;
+    met_ = count > 0;
+    count = std::max(count, size_t(1));
+  }
+
+  // The same for one start, and for others if that does not suffice.
+  void find(const double *start, const std::vector<double> &others, size_t needed, size_t wanted,
+            Descent::Clock::time_point stop) {
+    find(start, 1, needed, 1, stop);
+    if (!met_ && !others.empty() && !descent_.out_of_time()) {
+      std::swap(first_, found[0]);
+      find(others.data(), others.size() / tasks.nq(), needed, wanted, stop);
+      ++descents;
+      if (!met_ && !is_better(found[0], first_, needed)) std::swap(first_, found[0]);
+    }
+    if (!met_) reduce_all(found[0]);
   }
 
   // Reduce the levels at a configuration in turn.
   void finish(const double *q, Descent::Clock::time_point stop) {
     descent_.stop = stop;
-    best.q.assign(q, q + tasks.nq());
-    tasks.evaluate(best);
-    descent_.begin();
-    descent_.finish(best);
-  }
-
-  // Descend once from a start to all levels; `finish` where some of them were not needed.
-  void find_once(const double *start, size_t needed, double seconds) {
-    find(start, 1, needed, after(seconds));
-    if (best.cost(0, needed) <= MET && needed < best.costs.size()) {
-      descent_.begin();
-      descent_.finish(best);
-    }
+    found[0].q.assign(q, q + tasks.nq());
+    tasks.evaluate(found[0]);
+    reduce_all(found[0]);
+    count = 1;
   }
 
  private:
@@ -84,8 +100,16 @@ class Search {
     return false;
   }
 
+  static bool is_met(const Point &point, size_t needed) { return point.cost(0, needed) <= MET; }
+
+  void reduce_all(Point &point) {
+    descent_.begin();
+    descent_.finish(point);
+  }
+
   Descent descent_;
-  Point found_;
+  Point tried_, first_;
+  bool met_ = false;
 };
 
 }  // namespace

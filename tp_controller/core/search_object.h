@@ -97,15 +97,17 @@ class Searching {
   PositionSearch &its_;
 };
 
-// Fill in the best configuration (nq,) and the costs (L,) of its levels.
-void answer(const Search &search, const Output &q, const Output &costs) {
-  std::copy(search.best.q.begin(), search.best.q.end(), q.p());
-  std::copy(search.best.costs.begin(), search.best.costs.end(), costs.p());
+// Fill in the configurations (nq,) that were found, and the costs (L,) of their levels.
+void answer(const Search &search, double *q, double *costs) {
+  for (size_t i = 0; i < search.count; ++i) {
+    q = std::copy(search.found[i].q.begin(), search.found[i].q.end(), q);
+    costs = std::copy(search.found[i].costs.begin(), search.found[i].costs.end(), costs);
+  }
 }
 
-// find(starts, needed, seconds, q, costs): fill in the best configuration (nq,) and the costs (L,) of
-// its levels, and return the number of descents, each from one of `starts` (count, nq); None where the
-// reference is needed.
+// find(starts, needed, seconds, q, costs): descend from each of `starts` (count, nq) until as many
+// configurations are found as `q` (wanted, nq) has rows; fill these in and the costs (wanted, L) of
+// their levels, and return their number and that of the descents; None where the reference is needed.
 PyObject *search_find(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 5) return refuse("find(starts, needed, seconds, q, costs)");
   PositionSearch &its = of<PositionSearch>(self);
@@ -119,16 +121,17 @@ PyObject *search_find(PyObject *self, PyObject *const *given, Py_ssize_t count) 
     const Py_ssize_t needed = PyLong_AsSsize_t(given[1]);
     const double seconds = PyFloat_AsDouble(given[2]);
     const Output q(given[3]), costs(given[4]);
-    need(!PyErr_Occurred() && needed >= 0 && size_t(needed) <= levels
-         && q.is(Py_ssize_t(nq)) && costs.is(Py_ssize_t(levels)));
-    int descents;
+    const Py_ssize_t wanted = q.rows(2);
+    need(!PyErr_Occurred() && needed >= 0 && size_t(needed) <= levels && wanted > 0
+         && q.is(wanted, Py_ssize_t(nq)) && costs.is(wanted, Py_ssize_t(levels)));
     {
       Descent::Clock::duration took = LONG;
       const WithoutPython meanwhile(took);
-      descents = search.find(starts.data(), starts.size() / nq, size_t(needed), after(seconds));
+      search.find(starts.data(), starts.size() / nq, size_t(needed), size_t(wanted),
+                  after(seconds));
     }
-    answer(search, q, costs);
-    return PyLong_FromLong(descents);
+    answer(search, q.p(), costs.p());
+    return Py_BuildValue("ni", Py_ssize_t(search.count), search.descents);
   } catch (const Unsolved &) {
   } catch (const std::bad_alloc &) {
   }
@@ -154,7 +157,7 @@ PyObject *search_finish(PyObject *self, PyObject *const *given, Py_ssize_t count
       const WithoutPython meanwhile(took);
       search.finish(q.p(), after(seconds));
     }
-    answer(search, q, costs);
+    answer(search, q.p(), costs.p());
     return Py_NewRef(Py_True);
   } catch (const Unsolved &) {
   } catch (const std::bad_alloc &) {
@@ -188,38 +191,47 @@ bool read_goals(PyObject *object, const std::vector<Group> &groups, std::vector<
   return !found.empty();
 }
 
-// find_each(goals, starts, needed, seconds, q, costs): descend once for each row of the goals of
-// tasks, and fill in the configurations (count, nq) and the costs (count, L); false where the
+// find_each(goals, starts, others, needed, seconds, q, costs, numbers): search for each row of the
+// goals of tasks: descend from its start, then from `others` (O, nq) until there are as many
+// configurations as `q` (count, wanted · nq) has place for; fill in these, the costs of their levels
+// (count, wanted · L), and their number and that of the descents (count, 2); false where the
 // reference is needed. `starts` (1 or count, nq); `seconds` for each.
 PyObject *search_find_each(PyObject *self, PyObject *const *given, Py_ssize_t count) {
-  if (count != 6 || !PyTuple_Check(given[0]))
-    return refuse("find_each(goals, starts, needed, seconds, q, costs)");
+  if (count != 8 || !PyTuple_Check(given[0]))
+    return refuse("find_each(goals, starts, others, needed, seconds, q, costs, numbers)");
   PositionSearch &its = of<PositionSearch>(self);
   Search &search = *its.search;
   try {
     const Searching running(its);
     const size_t nq = search.tasks.nq(), levels = search.tasks.groups().size();
     std::vector<GoalRows> goals;
-    std::vector<double> starts;
+    std::vector<double> starts, others;
     need(read_goals(given[0], search.tasks.groups(), goals)
          && read_rows(given[1], Py_ssize_t(nq), starts)
-         && finite(starts.data(), int(starts.size())));
-    const Py_ssize_t needed = PyLong_AsSsize_t(given[2]);
-    const double seconds = PyFloat_AsDouble(given[3]);
-    const Output q(given[4]), costs(given[5]);
+         && read_rows(given[2], Py_ssize_t(nq), others)
+         && finite(starts.data(), int(starts.size()))
+         && finite(others.data(), int(others.size())));
+    const Py_ssize_t needed = PyLong_AsSsize_t(given[3]);
+    const double seconds = PyFloat_AsDouble(given[4]);
+    const Output q(given[5]), costs(given[6]), numbers(given[7]);
     const size_t rows = goals[0].numbers.size() / goals[0].size;
     for (const GoalRows &each : goals) need(each.numbers.size() == rows * each.size);
-    need(!PyErr_Occurred() && needed >= 0 && size_t(needed) <= levels
+    const size_t wanted = q.rows(2) > 0 ? size_t(q.columns()) / nq : 0;
+    need(!PyErr_Occurred() && needed >= 0 && size_t(needed) <= levels && wanted > 0
          && (starts.size() == nq || starts.size() == rows * nq)
-         && q.is(Py_ssize_t(rows), Py_ssize_t(nq)) && costs.is(Py_ssize_t(rows), Py_ssize_t(levels)));
+         && q.is(Py_ssize_t(rows), Py_ssize_t(wanted * nq))
+         && costs.is(Py_ssize_t(rows), Py_ssize_t(wanted * levels))
+         && numbers.is(Py_ssize_t(rows), 2));
     Descent::Clock::duration took = LONG;
     const WithoutPython meanwhile(took);
     for (size_t i = 0; i < rows; ++i) {
       for (const GoalRows &each : goals)
         need(each.task->set_goal(each.numbers.data() + i * each.size, each.size));
-      search.find_once(starts.data() + (starts.size() == nq ? 0 : i * nq), size_t(needed), seconds);
-      std::copy(search.best.q.begin(), search.best.q.end(), q.p() + i * nq);
-      std::copy(search.best.costs.begin(), search.best.costs.end(), costs.p() + i * levels);
+      search.find(starts.data() + (starts.size() == nq ? 0 : i * nq), others, size_t(needed),
+                  wanted, after(seconds));
+      answer(search, q.p() + i * wanted * nq, costs.p() + i * wanted * levels);
+      numbers.p()[2 * i] = double(search.count);
+      numbers.p()[2 * i + 1] = double(search.descents);
     }
   } catch (const Unsolved &) {
     PyErr_Clear();

@@ -49,6 +49,13 @@ def whole_turns(robot: Robot, q: Array, start: Array) -> Array:
     return turns
 
 
+def has_whole_turns(robot: Robot) -> bool:
+    """Return whether the position limits of a joint are a whole turn apart."""
+    columns = robot.joint_columns
+    ranges = robot.upper[columns] - robot.lower[columns]
+    return bool((ranges[np.array(robot.joint_units) == 'rad'] >= FULL_TURN).any())
+
+
 def unwound(tasks: PositionStack, found: Attempts, start: Array) -> Attempts:
     """Return a search whose joints are turned by whole turns towards `start`, if no task minds."""
     turns = whole_turns(tasks.robot, found.q[np.newaxis], start[np.newaxis])[0]

@@ -40,9 +40,9 @@ class CompiledSearch(Protocol):
         """Set the tasks of each level of a robot; raise ValueError if they do not fit."""
 
     def find(self, starts: Array, needed: int, seconds: float, q: Array, costs: Array
-             ) -> int | None:
+             ) -> tuple[int, int] | None:
         """
-        Fill in the best configuration and its costs; see `tp_controller.positions.search`.
+        Fill in configurations and their costs; see `tp_controller.positions.search`.
 
         Parameters
         ----------
@@ -52,31 +52,35 @@ class CompiledSearch(Protocol):
             Number of levels that have to be met.
         seconds : float
             Time after which the search ends [s].
-        q, costs : ndarray (nq,), (levels,)
+        q, costs : ndarray (wanted, nq), (wanted, levels)
             Filled in.
 
         Returns
         -------
-        int or None
-            Number of descents; None if the reference is needed.
+        tuple of (int, int) or None
+            Number of configurations and of descents; None if the reference is needed.
 
         """
 
-    def find_each(self, goals: GoalRows, starts: Array, needed: int, seconds: float, q: Array,
-                  costs: Array) -> bool:
+    def find_each(self, goals: GoalRows, starts: Array, others: Array, needed: int,
+                  seconds: float, q: Array, costs: Array, numbers: Array) -> bool:
         """
-        Fill in configurations (count, nq) and costs (count, levels), by one descent for each.
+        Fill in the configurations of a search for each of many goals, and their costs.
 
         Parameters
         ----------
         goals : tuple of (int, int, ndarray (count, size))
             Level and index in it of each task with goals, and their numbers.
         starts : ndarray (1 or count, nq)
-            Configuration at which each descent starts.
+            Configuration at which the first descent of each starts.
+        others : ndarray (number, nq)
+            Configurations from which others follow until the needed levels are met.
         needed, seconds
-            See `find`; the time is that of each descent.
-        q, costs : ndarray
-            Filled in.
+            See `find`; the time is that of each search.
+        q, costs : ndarray (count, wanted · nq), (count, wanted · levels)
+            Filled in, as far as there are configurations.
+        numbers : ndarray (count, 2)
+            Numbers of configurations and of descents, filled in.
 
         Returns
         -------
@@ -116,9 +120,9 @@ class Searches:
         if self._compiled is not None:
             self._compiled.refresh(passive)
 
-    def find(self, starts: Array, needed: int, end: float) -> Attempts:
+    def find(self, starts: Array, needed: int, wanted: int, end: float) -> list[Attempts]:
         """
-        Return the outcome of a search; see `search`.
+        Return the outcome of `search`.
 
         Parameters
         ----------
@@ -126,34 +130,40 @@ class Searches:
             Configuration at which each descent starts [rad or m].
         needed : int
             Number of levels that have to be met.
+        wanted : int
+            Number of configurations that end the search.
         end : float
             Time of ``time.perf_counter`` at which the search ends [s].
 
         """
         if self._compiled is not None and self._compiled.fit:
-            q, costs = self._outputs()
-            count = self._compiled.search.find(starts, needed, end - time.perf_counter(), q,
+            q, costs = self._outputs(wanted)
+            found = self._compiled.search.find(starts, needed, end - time.perf_counter(), q,
                                                costs)
-            if count is not None:
-                return Attempts(q, costs.tolist(), count)
+            if found is not None:
+                count, descents = found
+                return [Attempts(each, its_costs, descents)
+                        for each, its_costs in zip(q[:count], costs[:count].tolist())]
         self._end = end
-        return search(self._tasks, self._descent, needed, starts)
+        return search(self._tasks, self._descent, needed, starts, wanted)
 
-    def find_each(self, goals: Mapping[str, Array], starts: Array, needed: int, seconds: float
-                  ) -> tuple[Array, Array] | None:
+    def find_each(self, goals: Mapping[str, Array], starts: Array, others: Array, needed: int,
+                  wanted: int, seconds: float) -> list[list[Attempts]] | None:
         """
-        Return configurations (count, nq) and costs (count, levels); None without a core.
+        Return the outcome of `search` for each of many goals; None without a core.
 
         Parameters
         ----------
         goals : dict
             {task: goals (count, …)}.
         starts : ndarray (1 or count, nq)
-            Configuration at which each descent starts [rad or m].
-        needed : int
-            Number of levels that have to be met.
+            Configuration at which the first descent of each starts [rad or m].
+        others : ndarray (number, nq)
+            Configurations from which others follow until the needed levels are met [rad or m].
+        needed, wanted
+            See `find`.
         seconds : float
-            Longest time of each descent [s].
+            Longest time of each search [s].
 
         """
         if self._compiled is None or not self._compiled.fit:
@@ -163,9 +173,16 @@ class Searches:
                       for index, task in enumerate(group)
                       if (given := goals.get(task.name)) is not None])
         count = len(rows[0][2])
-        q, costs = np.empty((count, self._robot.nq)), np.empty((count, len(self._tasks.groups)))
-        found = self._compiled.search.find_each(rows, starts, needed, seconds, q, costs)
-        return (q, costs) if found else None
+        q, costs = self._outputs(count * wanted)
+        numbers = np.empty((count, 2))
+        q, costs = q.reshape(count, -1), costs.reshape(count, -1)
+        if not self._compiled.search.find_each(rows, starts, others, needed, seconds, q, costs,
+                                               numbers):
+            return None
+        q, costs = q.reshape(count, wanted, -1), costs.reshape(count, wanted, -1)
+        return [[Attempts(each, its_costs, int(descents))
+                 for each, its_costs in zip(qs[:int(found)], all_costs[:int(found)].tolist())]
+                for qs, all_costs, (found, descents) in zip(q, costs, numbers)]
 
     def finish(self, found: Attempts, end: float) -> Attempts:
         """Return a search whose configuration also reduces the levels that were not needed."""
@@ -178,9 +195,9 @@ class Searches:
         point = self._descent.finish(self._tasks.at(found.q))
         return Attempts(point.q, point.costs, found.descents)
 
-    def _outputs(self) -> tuple[Array, Array]:
-        """Return arrays for a configuration (nq,) and the costs of its levels."""
-        return np.empty(self._robot.nq), np.empty(len(self._tasks.groups))
+    def _outputs(self, count: int) -> tuple[Array, Array]:
+        """Return arrays for configurations (count, nq) and the costs of their levels."""
+        return np.empty((count, self._robot.nq)), np.empty((count, len(self._tasks.groups)))
 
 
 class _CompiledTasks:

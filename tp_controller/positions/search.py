@@ -27,15 +27,16 @@ EQUAL = 1e-3
 
 class Attempts(NamedTuple):
     """
-    Outcome of a search.
+    Configuration that a search has found.
 
     Attributes
     ----------
     q : ndarray (nq,)
-        Best configuration [rad or m].
+        Configuration [rad or m].
     costs : list of float
         Squared norm of the error of each level there.
     descents : int
+        Number of descents of the search.
 
     """
 
@@ -43,11 +44,15 @@ class Attempts(NamedTuple):
     costs: list[float]
     descents: int
 
+    def meets(self, needed: int) -> bool:
+        """Return whether the first levels are met."""
+        return sum(self.costs[:needed]) <= MET
 
-def search(tasks: PositionStack, descent: Descent, needed: int,
-           starts: Iterable[Array]) -> Attempts:
+
+def search(tasks: PositionStack, descent: Descent, needed: int, starts: Iterable[Array],
+           wanted: int = 1) -> list[Attempts]:
     """
-    Return the best configuration of some descents; the first that meets the needed levels ends it.
+    Return configurations that meet the needed levels, or the best one if there is none.
 
     Parameters
     ----------
@@ -59,19 +64,28 @@ def search(tasks: PositionStack, descent: Descent, needed: int,
         Number of first levels that have to be met.
     starts : iterable of ndarray (nq,)
         Configuration at which each descent starts [rad or m].
+    wanted : int
+        Number of configurations that end the search.
 
     """
+    met: list[Attempts] = []
     best, descents = None, 0
     for start in starts:
         descent.begin()
         found = descent.approach(tasks.at(start), needed)
         descents += 1
-        if best is None or is_better(found.costs[:needed], best.costs[:needed]):
+        if sum(found.costs[:needed]) <= MET:
+            if needed < len(found.costs):
+                descent.begin()
+                found = descent.finish(found)
+            met.append(Attempts(found.q, found.costs, descents))
+        elif best is None or is_better(found.costs[:needed], best.costs[:needed]):
             best = found
-        if sum(best.costs[:needed]) <= MET or descent.out_of_time():
+        if len(met) == wanted or descent.out_of_time():
             break
-    assert best is not None
-    return Attempts(best.q, best.costs, descents)
+    if not met and best is not None:
+        met = [Attempts(best.q, best.costs, descents)]
+    return [each._replace(descents=descents) for each in met]
 
 
 def is_better(costs: Sequence[float], others: Sequence[float]) -> bool:

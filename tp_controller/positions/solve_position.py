@@ -24,9 +24,8 @@ from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError, RobotError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
-from tp_controller.positions.choice import CRITERIA, unwound, whole_turns
+from tp_controller.positions.choice import CRITERIA, has_whole_turns, unwound
 from tp_controller.positions.compiled import Searches
-from tp_controller.positions.descent import MET
 from tp_controller.positions.options import SearchOptions
 from tp_controller.positions.position_stack import PositionStack
 from tp_controller.positions.random_postures import random_postures
@@ -37,8 +36,6 @@ from tp_controller.tasks.stack import check_type, Stack
 from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import accept, attempt
 
-# Largest number of descents in one call of the core.
-ATTEMPTS_OF_A_CALL = 1000
 # Configurations of which the nearest is chosen if the first descent finds none.
 NEAREST_OF = 3
 
@@ -68,10 +65,13 @@ class PositionSolver:
     def __init__(self, robot: Robot, stack: Stack) -> None:
         self._robot, self._tasks = robot, PositionStack(robot, check_type(stack))
         self._searches = Searches(robot, self._tasks)
-        self._passive = robot.passive_neutral
+        self._passive, self._turns = robot.passive_neutral, has_whole_turns(robot)
         self._own_goals = {
             task.name: None if task.has_default_goal else task.goal
             for task in self._tasks.stack.active_tasks}
+        # Random postures, and what they were drawn for.
+        self._drawn: tuple[float, ...] = ()
+        self._postures = np.empty((0, robot.nq))
         # Names of the tasks with goals of the present call, and number of levels with them.
         self._named: set[str] = set()
         self._needed = 0
@@ -129,20 +129,17 @@ class PositionSolver:
         with self._lock:
             end = time.perf_counter() + timeout
             begin = self._begin(goals, start, passive)
-            found = [unwound(self._tasks, each, begin)
-                     for each in self._search(begin, options, end)]
-            best = found[0] if len(found) == 1 else min(
-                found, key=lambda each: CRITERIA[criterion](self._tasks, each.q, begin))
-            return self._solution(best)
+            return self._solution(self._chosen(self._search(begin, options, end), begin,
+                                               criterion))
 
-    def solve_directly(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
-                       timeout: float, passive: ArrayLike | None = None
-                       ) -> dict[int, PositionSolution]:
+    def solve_together(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
+                       options: SearchOptions, passive: ArrayLike | None = None
+                       ) -> list[PositionSolution] | None:
         """
-        Return, by their index, the results for goals that the first descent reaches.
+        Return the results of `solve` for many goals with the criterion ``nearest``.
 
-        They are those of `solve` with the criterion ``nearest``, but all in one call of the core,
-        which other threads need not wait for. Where the core cannot do that there are none.
+        All are found in one call of the core, which other threads need not wait for. Where the
+        core cannot do that, None is returned.
 
         Parameters
         ----------
@@ -150,44 +147,40 @@ class PositionSolver:
             {task: goals}, the same number for all tasks.
         starts : ndarray (nq,) or (count, nq), or None
             Configuration for all, or for each [rad or m].
-        timeout : float
-            Time of each [s].
+        options : SearchOptions
+            Options of `solve`.
         passive : array_like (p,), optional
             See `solve`.
 
         """
         with self._lock:
-            return self._solve_directly(goals, starts, timeout, passive)
+            return self._solve_together(goals, starts, options, passive)
 
-    def _solve_directly(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
-                        timeout: float, passive: ArrayLike | None
-                        ) -> dict[int, PositionSolution]:
-        """Return, by their index, the results for goals that the first descent reaches."""
+    def _solve_together(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
+                        options: SearchOptions, passive: ArrayLike | None
+                        ) -> list[PositionSolution] | None:
+        """Return the results of `solve` for many goals, or None; see `solve_together`."""
         each_its_own = starts is not None and starts.ndim == 2
         begin = self._begin({name: given[0] for name, given in goals.items()},
                             starts[0] if starts is not None and each_its_own else starts, passive)
-        if each_its_own and self._named != self._tasks.stack.tasks.keys():
-            # Other tasks keep their values at the start.
-            return {}
+        if each_its_own and (self._named != self._tasks.stack.tasks.keys() or self._robot.moves):
+            # Other tasks keep their values at the start, and random postures are around it.
+            return None
         parsed = {name: [self._parsed(name, goal) for goal in given]
                   for name, given in goals.items()}
         if not all(isinstance(goal, np.ndarray) for given in parsed.values() for goal in given):
-            return {}
+            return None
         begins = begin[np.newaxis]
         if starts is not None and each_its_own:
             begins = np.array([self._tasks.within_limits(each) for each in starts])
         found = self._searches.find_each(
-            {name: np.array(given) for name, given in parsed.items()}, begins, self._needed,
-            timeout)
+            {name: np.array(given) for name, given in parsed.items()}, begins,
+            self._random_postures(begin, options), self._needed, NEAREST_OF, options.timeout)
         if found is None:
-            return {}
-        qs, costs = found
-        direct = (costs[:, :self._needed].sum(axis=1) <= MET) & ~whole_turns(
-            self._robot, qs, begins).any(axis=1)
-        return {index: self._solution(
-            Attempts(qs[index], costs[index].tolist(), 1),
-            {name: given[index] for name, given in parsed.items()})
-            for index in np.flatnonzero(direct).tolist()}
+            return None
+        return [self._solution(self._chosen(each, begins[index % len(begins)], options.criterion),
+                               {name: given[index] for name, given in parsed.items()})
+                for index, each in enumerate(found)]
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise `GoalError` unless all are names of tasks with a position."""
@@ -238,29 +231,36 @@ class PositionSolver:
 
     def _search(self, begin: Array, options: SearchOptions, end: float) -> list[Attempts]:
         """Return configurations that meet the needed levels; if there is none, the best one."""
-        needed, attempts, generator = self._needed, options.attempts, None
-        best = self._searches.find(begin[np.newaxis], needed, end)
-        met = [best] if sum(best.costs[:needed]) <= MET else []
-        count, most = 1, attempts
-        if options.criterion == 'nearest':
-            most = 1 if met else NEAREST_OF
-        while len(met) < most and count < attempts and time.perf_counter() < end:
-            generator = generator or np.random.default_rng(options.seed)
-            more = self._searches.find(random_postures(
-                self._robot, begin, generator, min(attempts - count, ATTEMPTS_OF_A_CALL)),
-                needed, end)
-            count += more.descents
-            if sum(more.costs[:needed]) <= MET:
-                met.append(more)
-            elif is_better(more.costs[:needed], best.costs[:needed]):
-                best = more
-        return [self._finish(each, end)._replace(descents=count) for each in met or [best]]
+        needed, nearest = self._needed, options.criterion == 'nearest'
+        found = self._searches.find(begin[np.newaxis], needed, 1, end)
+        best, met = found[0], found if found[0].meets(needed) else []
+        if not (met and nearest) and options.attempts > 1 and time.perf_counter() < end:
+            others = self._searches.find(
+                self._random_postures(begin, options), needed,
+                NEAREST_OF if nearest else options.attempts - 1, end)
+            count = 1 + others[0].descents
+            met = [each._replace(descents=count)
+                   for each in met + [each for each in others if each.meets(needed)]]
+            if is_better(others[0].costs[:needed], best.costs[:needed]):
+                best = others[0]
+            best = best._replace(descents=count)
+        return met or [self._searches.finish(best, end)]
 
-    def _finish(self, found: Attempts, end: float) -> Attempts:
-        """Return the configuration after the descent of all levels that are left."""
-        if self._needed == len(found.costs) and sum(found.costs) <= MET:
-            return found
-        return self._searches.finish(found, end)
+    def _random_postures(self, begin: Array, options: SearchOptions) -> Array:
+        """Return the configurations (attempts − 1, nq) at which later descents start."""
+        given = (options.seed, options.attempts, *(begin if self._robot.moves else ()))
+        if given != self._drawn:
+            self._drawn = given
+            self._postures = random_postures(
+                self._robot, begin, np.random.default_rng(options.seed), options.attempts - 1)
+        return self._postures
+
+    def _chosen(self, found: list[Attempts], begin: Array, criterion: str) -> Attempts:
+        """Return the best of configurations that reach the goals, without whole turns."""
+        if self._turns:
+            found = [unwound(self._tasks, each, begin) for each in found]
+        return found[0] if len(found) == 1 else min(
+            found, key=lambda each: CRITERIA[criterion](self._tasks, each.q, begin))
 
     def _solution(self, found: Attempts, goals: Mapping[str, Goal] | None = None
                   ) -> PositionSolution:
@@ -272,7 +272,7 @@ class PositionSolver:
 
     def _is_reached(self, found: Attempts) -> bool:
         """Return whether the needed levels are met, as far as they have given goals or bounds."""
-        if sum(found.costs[:self._needed]) <= MET:
+        if found.meets(self._needed):
             return True
         return all(float(np.abs(each.error).max(initial=0.0)) <= GOAL_TOLERANCE
                    for group in self._tasks.at(found.q).evaluations[:self._needed]

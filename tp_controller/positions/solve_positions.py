@@ -30,8 +30,9 @@ from tp_controller.positions.solve_position import PositionSolver
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import Stack
 
-# Goals of a thread at a time: so many that threads seldom wait for each other.
-GOALS_OF_A_CALL = 50
+# Largest number of goals that a thread takes at a time: so many that threads seldom wait for each
+# other; and number of times that each takes some: so many that all end at about the same time.
+MOST_GOALS_OF_A_CALL, CALLS_OF_A_THREAD = 50, 4
 
 
 def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
@@ -82,8 +83,8 @@ def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goa
     if not isinstance(jobs, (int, np.integer)) or isinstance(jobs, bool) or jobs == 0 or jobs < -1:
         raise SettingsError([f'jobs must be a whole number from 1, or -1, not {jobs!r}'])
     threads = len(os.sched_getaffinity(0)) if jobs == -1 else jobs
-    chunks = [range(first, min(first + GOALS_OF_A_CALL, count))
-              for first in range(0, count, GOALS_OF_A_CALL)]
+    size = min(max(1, count // (CALLS_OF_A_THREAD * threads)), MOST_GOALS_OF_A_CALL)
+    chunks = [range(first, min(first + size, count)) for first in range(0, count, size)]
     # Each thread takes the next one; a solver takes as long to make as hundreds of goals.
     left, found = iter(chunks), dict[range, list[PositionSolution]]()
 
@@ -107,14 +108,13 @@ def _solve(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], starts: 
         return starts if starts is None or starts.ndim < 2 else starts[index]
 
     checked = options_of({name: value for name, value in options.items() if name != 'passive'})
-    found = {}
+    found = None
     if checked.criterion == 'nearest':
-        found = solver.solve_directly(
+        found = solver.solve_together(
             {name: given[first:chunk.stop] for name, given in goals.items()},
-            started(slice(first, chunk.stop)), checked.timeout, options.get('passive'))
-    return [found.get(index - first) or solver.solve(
-        {name: given[index] for name, given in goals.items()},
-        started(index), **options) for index in chunk]
+            started(slice(first, chunk.stop)), checked, options.get('passive'))
+    return found or [solver.solve({name: given[index] for name, given in goals.items()},
+                                  started(index), **options) for index in chunk]
 
 
 def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, list[Goal]]:

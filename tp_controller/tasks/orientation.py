@@ -32,7 +32,7 @@ from tp_controller.model.spatial import (
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.goal_holder import Goal
-from tp_controller.tasks.keys import finite_vector
+from tp_controller.tasks.keys import finite_vector, has_shape
 from tp_controller.tasks.sketch import arc, AXES_LENGTH, Sketch
 from tp_controller.tasks.task import Task
 
@@ -193,10 +193,14 @@ def selected_rotation(task: FrameTask, state: RobotState, R: Array, turn: Array)
 
 def parse_rotation(goal: ArrayLike, what: str) -> Array:
     """Return the rotation matrix (3, 3) of a quaternion ``xyzw`` or matrix, or `GoalError`."""
+    if has_shape(goal, (3, 3)):
+        return valid_rotation(finite_vector(np.ravel(goal), 9, what).reshape(3, 3), what)
+    return valid_rotation(finite_vector(goal, 4, f'{what} (a quaternion x, y, z, w)'), what)
+
+
+def valid_rotation(numbers: Array, what: str) -> Array:
+    """Return the rotation matrix of a quaternion (4,) or matrix (3, 3), or raise `GoalError`."""
     try:
-        if np.shape(goal) == (3, 3):
-            return check_rotation(finite_vector(np.ravel(goal), 9, what).reshape(3, 3))
-        return rotation_from_quaternion(
-            finite_vector(goal, 4, f'{what} (a quaternion x, y, z, w)'))
+        return check_rotation(numbers) if numbers.ndim == 2 else rotation_from_quaternion(numbers)
     except ValueError as error:
         raise GoalError(f'{what}: {error}') from error

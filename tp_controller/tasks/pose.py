@@ -24,10 +24,10 @@ from tp_controller.model.state import RobotState
 from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_reach
 from tp_controller.tasks.keys import finite_vector, has_shape
 from tp_controller.tasks.orientation import (
-    parse_rotation,
     remaining_turn,
     selected_rotation,
     TurningFrameTask,
+    valid_rotation,
 )
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
@@ -113,6 +113,7 @@ def parse_pose(goal: ArrayLike, what: str) -> Array:
         T = finite_vector(np.ravel(goal), 16, what).reshape(4, 4)
         if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
             raise GoalError(f'{what}: the last row of a pose is 0, 0, 0, 1, not {T[3].tolist()}')
-        return pose(parse_rotation(T[:3, :3], what), T[:3, 3])
+        valid_rotation(T[:3, :3], what)
+        return T
     goal = finite_vector(goal, 7, f'{what} (a pose x, y, z, qx, qy, qz, qw)')
-    return pose(parse_rotation(goal[3:], what), goal[:3])
+    return pose(valid_rotation(goal[3:], what), goal[:3])

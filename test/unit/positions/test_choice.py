@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Robot, Stack
-from tp_controller.positions.choice import CRITERIA, unwound
+from tp_controller.positions.choice import CRITERIA, has_whole_turns, unwound, whole_turns
 from tp_controller.positions.position_stack import PositionStack
+from tp_controller.positions.random_postures import random_postures
 from tp_controller.positions.search import Attempts
 
 
@@ -86,3 +87,12 @@ def test_manipulability_is_that_of_the_first_task_with_a_goal():
     assert CRITERIA['manipulability'](tasks, q, q) == pytest.approx(
         -np.sqrt(np.linalg.det(J @ J.T)))
     assert CRITERIA['manipulability'](tasks_of(robot, '- limits: {type: joint_limits}'), q, q) == 0
+
+
+@pytest.mark.parametrize(('name', 'expected'), [('panda', False), ('ur5', True), ('tiago', True)])
+def test_whole_turns_need_a_range_of_a_turn(name, expected):
+    robot = robots.urdf_robot(name)
+    assert has_whole_turns(robot) == expected
+    starts = random_postures(robot, robot.neutral(), np.random.default_rng(0), 200)
+    found = [whole_turns(robot, starts[::-1], start[np.newaxis]).any() for start in starts]
+    assert any(found) == expected

@@ -73,13 +73,17 @@ def test_searches_are_those_of_the_reference(name, base):
                     task.start(robot.state(goal))
             needed = min(2, len(tasks.groups))
             searches.begin(robot.passive_neutral)
-            first = searches.find(np.array(starts), needed, np.inf)
-            found.append((first, searches.finish(first, np.inf)))
-        (one, last), (other, last_of_other) = found
+            wanted = searches.find(np.array(starts), needed, 2, np.inf)
+            first = searches.find(np.array(starts), needed, 1, np.inf)[0]
+            found.append((first, searches.finish(first, np.inf), wanted))
+        (one, last, wanted), (other, last_of_other, wanted_of_other) = found
         # Rounding may lead a descent that is long to another place.
-        same.append(one.descents == other.descents and np.allclose(one.q, other.q, atol=1e-6)
-                    and np.allclose(one.costs, other.costs, rtol=1e-6, atol=1e-9)
-                    and np.allclose(last.costs, last_of_other.costs, rtol=1e-3, atol=1e-9))
+        same.append(one.descents == other.descents and len(wanted) == len(wanted_of_other)
+                    and np.allclose(one.q, other.q, atol=1e-4)
+                    and np.allclose(one.costs[:needed], other.costs[:needed], rtol=1e-6, atol=1e-9)
+                    and all(np.allclose(each.costs, its.costs, rtol=1e-3, atol=1e-9)
+                            for each, its in zip([last, *wanted],
+                                                 [last_of_other, *wanted_of_other])))
     assert np.mean(same) >= 0.8
 
 
@@ -98,7 +102,7 @@ def test_one_step_is_that_of_the_reference(base, monkeypatch):
                     task.goal = None
                     task.start(robot.state(near))
             searches.begin(robot.passive_neutral)
-            found.append(searches.find(tasks.within_limits(q)[np.newaxis], 3, np.inf))
+            found.append(searches.find(tasks.within_limits(q)[np.newaxis], 3, 1, np.inf)[0])
         np.testing.assert_allclose(found[0].q, found[1].q, rtol=0.0, atol=1e-9)
 
 
@@ -129,7 +133,7 @@ def test_task_without_a_twin_leads_to_the_reference():
 def test_core_refuses_what_does_not_fit():
     robot = robots.panda()
     search = core.Search(robot.lower, robot.upper)
-    q, costs = np.empty(7), np.empty(1)
+    q, costs = np.empty((1, 7)), np.empty((1, 1))
     assert search.find(np.zeros((1, 7)), 1, 1.0, q, costs) is None
     with pytest.raises(ValueError, match='as many lower as upper limits'):
         core.Search(robot.lower, robot.upper[:3])
@@ -147,12 +151,26 @@ def test_core_refuses_what_does_not_fit():
     start = np.zeros((1, 7))
     for given in ((np.zeros((1, 6)), 1, 1.0, q, costs), (np.zeros((0, 7)), 1, 1.0, q, costs),
                   (np.full((1, 7), np.nan), 1, 1.0, q, costs), (start, 2, 1.0, q, costs),
-                  (start, 1, 'soon', q, costs), (start, 1, 1.0, q[:3], costs),
-                  (start, 1, 1.0, q, np.empty(2)), (None, 1, 1.0, q, costs)):
+                  (start, 1, 'soon', q, costs), (start, 1, 1.0, q[:, :3], costs),
+                  (start, 1, 1.0, q[:0], costs), (start, 1, 1.0, q[0], costs),
+                  (start, 1, 1.0, q, np.empty((1, 2))), (None, 1, 1.0, q, costs)):
         assert search.find(*given) is None
-    assert search.find(start, 1, 1.0, q, costs) == 1
-    assert not search.finish(1.0, np.full(7, np.nan), costs)
-    assert search.finish(1.0, q, costs)
-    for call in (search.find, search.finish):
+    assert search.find(start, 1, 1.0, q, costs) == (1, 1)
+    assert not search.finish(1.0, np.full(7, np.nan), costs[0])
+    assert search.finish(1.0, q[0], costs[0])
+    goals, numbers = ((0, 0, start),), np.empty((1, 2))
+    for given in ((((0, 1, start),), start, start, 1, 1.0, q, costs, numbers),
+                  (((0, 0, start[:, :3]),), start, start, 1, 1.0, q, costs, numbers),
+                  ((), start, start, 1, 1.0, q, costs, numbers),
+                  (goals, start[:0], start, 1, 1.0, q, costs, numbers),
+                  (goals, start, start[:, :3], 1, 1.0, q, costs, numbers),
+                  (goals, start, start, 2, 1.0, q, costs, numbers),
+                  (goals, start, start, 1, 1.0, q[:0], costs, numbers),
+                  (goals, start, start, 1, 1.0, q, costs, numbers[0]),
+                  (goals, np.zeros((2, 7)), start, 1, 1.0, q, costs, numbers)):
+        assert not search.find_each(*given)
+    assert search.find_each(goals, start, start[:0], 1, 1.0, q, costs, numbers)
+    assert numbers.tolist() == [[1.0, 1.0]]
+    for call in (search.find, search.finish, search.find_each):
         with pytest.raises(ValueError, match='seconds'):
             call()

@@ -20,6 +20,7 @@ import robots
 from tp_controller import Stack
 from tp_controller.positions.descent import Descent, MET
 from tp_controller.positions.position_stack import PositionStack
+from tp_controller.positions.random_postures import random_postures
 from tp_controller.positions.search import is_better, search
 
 TOOL = robots.PANDA_TOOL
@@ -34,11 +35,11 @@ def test_first_cost_that_differs_decides(costs, others, expected):
     assert is_better(costs, others) == expected
 
 
-def scene(goal):
-    """Return tasks with a goal of the tool, and a descent."""
+def scene(goal, below=''):
+    """Return tasks with a goal of the tool, others below it, and a descent."""
     robot = robots.panda()
     tasks = PositionStack(robot, Stack.from_yaml(
-        f'- tool: {{type: position, frame: {TOOL}}}\n', robot))
+        f'- tool: {{type: position, frame: {TOOL}}}\n' + below, robot))
     task = tasks.stack.tasks['tool']
     task.goal = task.parse_goal(goal)
     return tasks, Descent(tasks, robot, lambda: False)
@@ -47,16 +48,40 @@ def scene(goal):
 def test_search_ends_where_the_goal_is_reached():
     tasks, descent = scene([0.4, 0.1, 0.5])
     ready = np.array(robots.PANDA_READY)
-    found = search(tasks, descent, 1, iter([ready, ready + 0.1]))
+    found, = search(tasks, descent, 1, iter([ready, ready + 0.1]))
     assert found.descents == 1
     assert found.costs[0] <= MET
+
+
+def test_as_many_configurations_as_wanted_are_found():
+    tasks, descent = scene([0.4, 0.1, 0.5])
+    starts = random_postures(tasks.robot, tasks.robot.neutral(), np.random.default_rng(0), 20)
+    each = [found for start in starts for found in search(tasks, descent, 1, [start])
+            if found.meets(1)]
+    found = search(tasks, descent, 1, starts, 3)
+    assert len(each) > 3
+    np.testing.assert_array_equal([one.q for one in found], [one.q for one in each[:3]])
+    all_of_them = search(tasks, descent, 1, starts, 100)
+    assert [one.q.tolist() for one in all_of_them] == [one.q.tolist() for one in each]
+    assert {one.descents for one in all_of_them} == {20}
+
+
+def test_levels_below_those_that_are_met_have_the_least_error():
+    tasks, descent = scene([0.4, 0.1, 0.5], '- posture: {type: posture}\n')
+    task = tasks.stack.tasks['posture']
+    task.goal = np.array(robots.PANDA_READY) + 0.3
+    found, = search(tasks, descent, 1, [np.array(robots.PANDA_READY)])
+    descent.begin()
+    again = descent.finish(tasks.at(found.q))
+    assert found.costs[1] > 1e-4
+    np.testing.assert_allclose(again.costs[1], found.costs[1], rtol=1e-6)
 
 
 def test_best_of_all_descents_is_returned():
     tasks, descent = scene([2.0, 0.0, 0.3])
     starts = np.random.default_rng(0).uniform(tasks.robot.lower, tasks.robot.upper, (6, 7))
-    each = [search(tasks, descent, 1, [start]) for start in starts]
-    found = search(tasks, descent, 1, starts)
+    each = [search(tasks, descent, 1, [start])[0] for start in starts]
+    found, = search(tasks, descent, 1, starts)
     assert found.descents == 6
     best = min(each, key=lambda one: one.costs[0])
     assert found.costs[0] <= best.costs[0] * 1.002
