@@ -3,13 +3,15 @@
 PYTHON ?= python3
 # Where there are no ROS wheels (they are for x86_64): make EXTRAS=test ...
 EXTRAS ?= ros plots view record test
+# Versions that the tests passed with; the newest ones: make CONSTRAINTS= ...
+CONSTRAINTS ?= -c constraints.txt
 PYTEST_FLAGS ?=
 DEMO_FLAGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/made_for
-PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq $(CONSTRAINTS)
 comma := ,
 CHOSEN := $(subst $(comma), ,$(EXTRAS))
 # Which of them a target needs.

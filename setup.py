@@ -29,7 +29,7 @@ executables = {
     'watchdog_node': 'tp_controller.tools.cli.main:watchdog_node',
     'viewer_node': 'tp_controller.tools.cli.main:viewer_node',
 }
-plots = ['matplotlib', 'Pillow']
+plots = ['matplotlib<4', 'Pillow']
 # Recordings, written and read.
 record = ['rosbags>=0.11,<0.12']
 # The page in the browser; pycollada reads meshes in COLLADA (.dae).
@@ -76,7 +76,8 @@ def description():
         sections = re.split('^(?=## )', file.read(), flags=re.MULTILINE)
     text = ''.join(section for section in sections
                    if section.partition('\n')[0][3:] not in OF_THE_REPOSITORY)
-    text = text.replace('`pip install .` installs the library, which needs', 'The library needs')
+    text = re.sub(r'`pip install \.` installs the library, which needs no ROS[^:]*',
+                  'The library needs no ROS', text)
     file_beside = r'\((?!https?://)[^)]*\)'
     text = re.sub(rf'^!\[[^]]*\]{file_beside}\n+', '', text, flags=re.MULTILINE)
     return re.sub(rf'\[([^]]*)\]{file_beside}', r'\1', text).rstrip() + '\n'
@@ -118,7 +119,8 @@ setup(
         ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'pin>=4', 'coal', 'argcomplete'],
+    install_requires=['setuptools', 'numpy<3', 'scipy<2', 'PyYAML<7', 'pin>=4,<5', 'coal>=3,<4',
+                      'argcomplete'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'peers': peers,

@@ -20,6 +20,7 @@ Nothing here needs a network; a ROS machine that lacks pip or a new setuptools s
 
 import ast
 import configparser
+import importlib.metadata
 import importlib.util
 import os
 from pathlib import Path
@@ -33,6 +34,7 @@ import sysconfig
 from xml.etree import ElementTree
 import zipfile
 
+from packaging.requirements import Requirement
 import pytest
 import setuptools
 import yaml
@@ -47,7 +49,7 @@ BUILT = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pypr
 # What a source distribution has besides.
 SHIPPED = (*BUILT, '.ci', '.github', '.pre-commit-config.yaml', 'CHANGELOG.rst', 'CITATION.cff',
            'CONTRIBUTING.md', 'MANIFEST.in', 'Makefile', 'QUALITY_DECLARATION.md', 'RELEASING.md',
-           'benchmarks', 'docs', 'examples', 'rosdoc2.yaml', 'test')
+           'benchmarks', 'constraints.txt', 'docs', 'examples', 'rosdoc2.yaml', 'test')
 # Files that are made here, and belong to no distribution.
 MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build', 'generated')
 
@@ -68,6 +70,8 @@ THIRD_PARTY = {
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
     'numpy': ('numpy', 'python3-numpy'),
+    # pytest brings it.
+    'packaging': ('pytest', 'python3-pytest'),
     'pinocchio': ('pin', 'pinocchio'),
     'playwright': ('playwright', None),
     'pytest': ('pytest', 'python3-pytest'),
@@ -239,6 +243,37 @@ def test_library_needs_no_extra(metadata):
     # Imported when a xacro is read, with an error that says how to install it.
     needed -= {'xacro'}
     assert needed <= {re.split('[<>=]', entry)[0] for entry in metadata['install_requires']}
+
+
+def compiled_below(name):
+    """Return the names of the distributions with compiled code of cmeel that one needs."""
+    found, left = set(), [name]
+    while left:
+        distribution = importlib.metadata.distribution(left.pop())
+        if 'cmeel' in (distribution.read_text('WHEEL') or '') or distribution.name == 'cmeel':
+            found.add(distribution.name)
+        left += [needed for requirement in distribution.requires or ()
+                 if 'extra ==' not in requirement
+                 and (needed := re.match(r'[\w.-]+', requirement)[0]) not in found
+                 and needed.startswith(('cmeel', 'coal', 'eigenpy', 'lib'))]
+    return found
+
+
+def test_compiled_packages_have_an_upper_bound(metadata):
+    bounded = {requirement.name for requirement in map(Requirement, metadata['install_requires'])
+               if any(each.operator == '<' for each in requirement.specifier)}
+    assert bounded >= {'numpy', 'scipy', 'pin', 'coal'}
+
+
+def test_constraints_are_within_the_bounds_and_cover_what_pinocchio_needs(metadata):
+    pytest.importorskip('cmeel', reason='Pinocchio does not come from PyPI here')
+    pinned = [Requirement(line) for line in (ROOT / 'constraints.txt').read_text().splitlines()
+              if not line.startswith('#')]
+    versions = {each.name: next(iter(each.specifier)).version for each in pinned}
+    assert versions.keys() >= compiled_below('pin') | compiled_below('coal')
+    for requirement in map(Requirement, metadata['install_requires']):
+        assert requirement.name not in versions \
+            or versions[requirement.name] in requirement.specifier
 
 
 def test_ros_is_an_extra(metadata):
