@@ -77,6 +77,13 @@ class PositionSolver:
         self._needed = 0
         self._lock = Lock()
 
+    def __reduce__(self) -> tuple[type['PositionSolver'], tuple[Robot, Stack], dict[str, Array]]:
+        """Return class, arguments and state of a copy, in this process or another."""
+        with self._lock:
+            for task in self._tasks.stack.active_tasks:
+                self._restore(task)
+            return type(self), (self._robot, self._tasks.stack), {'_passive': self._passive}
+
     def solve(self, goals: Mapping[str, Goal] | None = None, start: ArrayLike | None = None, *,
               attempts: int = 40, timeout: float = 0.05, seed: int = 0,
               criterion: str = 'nearest', passive: ArrayLike | None = None) -> PositionSolution:

@@ -15,8 +15,10 @@
 """Inverse kinematics of a stack: goals that are reached, and the nearest point to others."""
 
 from concurrent.futures import ThreadPoolExecutor
+import copy
 from functools import lru_cache
 import importlib
+import pickle
 
 from hypothesis import example, given, settings, strategies
 import numpy as np
@@ -456,6 +458,16 @@ def test_wrong_arguments_are_named(arguments, error, text):
     _, its = solver('Panda')
     with pytest.raises(error, match=text):
         its.solve(**arguments)
+
+
+def test_copy_of_a_solver_has_its_answers():
+    robot = robots.panda()
+    first = PositionSolver(robot, Stack.from_yaml(
+        POSE + '- posture: {type: posture, target: [0.1, 0.2, 0.3, -1.8, 0.5, 1.6, 0.7]}', robot))
+    own = first.solve(**PATIENT)
+    first.solve({'posture': robot.neutral()}, **PATIENT)
+    for copied in (pickle.loads(pickle.dumps(first)), copy.deepcopy(first)):
+        assert copied.solve(**PATIENT).q == pytest.approx(own.q, abs=1e-12)
 
 
 def test_what_is_no_stack_is_refused():
