@@ -364,10 +364,14 @@ def about_limits(worst: Sequence[WorstResult], setup: Setup) -> Iterator[Finding
         row = setup.robot.velocity_names.index(each.name) if each.kind == JUMP else 0
         if each.kind == JUMP and each.value > JUMP_SHARE \
                 and not np.isfinite(setup.robot.acceleration[row]):
+            # Without a velocity limit the value is that for a limit of one.
+            change = f'{each.value:.0%} of its velocity limit' \
+                if np.isfinite(setup.robot.velocity[row]) \
+                else f'{each.value:.3g} {setup.robot.velocity_units[row]}/s'
             yield Finding(
                 DOUBTFUL, 'jump', each.name,
-                f'its command changes by {each.value:.0%} of its velocity limit in one cycle '
-                f'(run {each.run})', 'give it an acceleration limit, or raise regularisation')
+                f'its command changes by {change} in one cycle (run {each.run})',
+                'give it an acceleration limit, or raise regularisation')
     if worst and not exceeded:
         yield Finding(FINE, 'limits', '', 'no command exceeded a limit', '')
 

@@ -30,8 +30,15 @@ from tp_controller.tools.check import check, CheckReport
 from tp_controller.tools.check.closed_loop import closed_loop, start_loop
 from tp_controller.tools.check.configuration_sample import angles_between, smallest_singular_value
 from tp_controller.tools.check.extremes import Extremes
-from tp_controller.tools.check.findings import about_bounds, about_goals
-from tp_controller.tools.check.results import CauseCount, DOUBTFUL, FINE, schema, WRONG
+from tp_controller.tools.check.findings import about_bounds, about_goals, about_limits
+from tp_controller.tools.check.results import (
+    CauseCount,
+    DOUBTFUL,
+    FINE,
+    schema,
+    WorstResult,
+    WRONG,
+)
 from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
 
@@ -327,6 +334,14 @@ def test_a_violation_is_wrong_and_a_jump_doubtful(monkeypatch):
     kinds = found(planar(), [TIP], samples=2, runs=1, seconds=0.2)
     assert kinds['violation', 'joint1'] == WRONG and kinds['jump', 'joint1'] == DOUBTFUL
     assert ('limits', '') not in kinds
+
+
+def test_a_jump_without_a_velocity_limit_has_a_unit():
+    worst = [WorstResult('jump', 7.5, name, 0) for name in ('joint1', 'joint2')]
+    robot = Robot.from_urdf(planar().urdf, limits={'joint1': {'velocity': math.inf}})
+    without, limited, _ = about_limits(worst, setup_of(robot, TIP))
+    assert 'changes by 7.5 rad/s in one cycle' in without.message
+    assert 'changes by 750% of its velocity limit' in limited.message
 
 
 def test_goals_come_from_where_bounds_are_satisfied():
