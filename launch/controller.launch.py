@@ -14,6 +14,8 @@
 
 """Start the controller node; RViz beside it with ``rviz:=true``."""
 
+import shlex
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
@@ -39,6 +41,9 @@ def generate_launch_description() -> LaunchDescription:
             description='file of the robot, URDF, xacro, MJCF or DH table (.yaml): a path or '
                         'package://<package>/<path>; empty: as the parameter file says, else the '
                         'URDF of the topic robot_description'),
+        DeclareLaunchArgument(
+            'xacro_arguments', default_value='',
+            description='arguments of a xacro, as "name:=value name:=value"'),
         DeclareLaunchArgument(
             'base', default_value='',
             description='how the base moves: fixed, planar, differential, floating or '
@@ -89,18 +94,19 @@ def generate_launch_description() -> LaunchDescription:
 def _controller(context: LaunchContext) -> list[Node]:
     """Return the controller node: an argument that is empty leaves the parameter file alone."""
     given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('robot', 'base', 'stack', 'params_file')}
-    file = given.pop('params_file')
+             for name in ('robot', 'base', 'stack', 'xacro_arguments', 'params_file')}
+    file, words = given.pop('params_file'), given.pop('xacro_arguments')
     if not file:
         given['stack'] = given['stack'] or DEFAULT_STACK
     # As text, whatever YAML would make of it.
     texts = {name: ParameterValue(value, value_type=str)
              for name, value in given.items() if value}
+    lists = {'xacro_arguments': shlex.split(words)} if words else {}
     return [Node(
         package='tp_controller', executable='controller_node',
         namespace=LaunchConfiguration('namespace'),
         parameters=[*([str(find_file(file))] if file else []),
-                    {'use_sim_time': _boolean('use_sim_time'), **texts}],
+                    {'use_sim_time': _boolean('use_sim_time'), **texts, **lists}],
         remappings=[('velocity_controller/commands', LaunchConfiguration('commands'))],
         output='screen')]
 

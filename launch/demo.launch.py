@@ -17,6 +17,7 @@
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+import shlex
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
@@ -55,6 +56,9 @@ def generate_launch_description() -> LaunchDescription:
             description='file of another robot, URDF, xacro, MJCF or DH table (.yaml): a path or '
                         'package://<package>/<path>; it gets no goals'),
         DeclareLaunchArgument(
+            'xacro_arguments', default_value='',
+            description='arguments of a xacro, as "name:=value name:=value"'),
+        DeclareLaunchArgument(
             'base', default_value='',
             description='how the base of another robot moves: fixed, planar, differential, '
                         'floating or underwater; empty: fixed'),
@@ -87,10 +91,11 @@ def generate_launch_description() -> LaunchDescription:
 def _demo(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Return everything that the arguments, which are known by now, decide about."""
     given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('robot', 'base', 'stack', 'params_file')}
+             for name in ('robot', 'base', 'stack', 'xacro_arguments', 'params_file')}
     demo = DEMOS[LaunchConfiguration('demo').perform(context)]
     if given['robot']:
-        robot = Robot.from_file(given['robot'], base=given['base'] or 'fixed')
+        robot = Robot.from_file(given['robot'], base=given['base'] or 'fixed',
+                                xacro_arguments=shlex.split(given['xacro_arguments']))
     else:
         given['params_file'] = str(find_file(given['params_file'] or demo.file('')))
         robot = robot_of(Path(given['params_file']))
@@ -118,10 +123,12 @@ def _simulator(given: dict[str, str]) -> Node:
     file = given['params_file']
     texts = {name: ParameterValue(given[name], value_type=str)
              for name in ('robot', 'base') if given[name]}
+    words = shlex.split(given['xacro_arguments'])
+    lists = {'xacro_arguments': words} if words else {}
     return Node(package='tp_controller', executable='simulator_node',
                 namespace=LaunchConfiguration('namespace'),
                 parameters=[*([str(find_file(file))] if file else []), {
-                    'publish_clock': _sim_time(), **texts,
+                    'publish_clock': _sim_time(), **texts, **lists,
                     'publish_tf': ParameterValue(LaunchConfiguration('rviz'), value_type=bool)}],
                 output='screen')
 

@@ -47,6 +47,16 @@ files = [arguments[index + 1] for index, word in enumerate(arguments) if word ==
 print('STARTED', json.dumps([arguments, [pathlib.Path(file).read_text() for file in files]]),
       flush=True)
 """
+XACRO = """\
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="name" default="joint"/> <xacro:arg name="upper" default="1.0"/>
+  <link name="base"/> <link name="tip"/>
+  <joint name="$(arg name)" type="revolute">
+    <parent link="base"/> <child link="tip"/> <axis xyz="0 0 1"/>
+    <limit lower="-1.0" upper="$(arg upper)" velocity="1.0" effort="1.0"/>
+  </joint>
+</robot>
+"""
 RUN = """\
 import sys
 from launch import LaunchDescription, LaunchService
@@ -297,6 +307,15 @@ def test_the_controller_takes_a_stack_as_text_and_another_topic(start, listener)
                      'commands:=/arm/commands')
     listener.wait(lambda: heard and listener.client.task_names(), 'zeros', [launched])
     assert listener.client.task_names() == ['home']
+
+
+def test_a_robot_in_xacro_has_the_arguments(start, listener, tmp_path):
+    robot = tmp_path / 'arm.urdf.xacro'
+    robot.write_text(XACRO)
+    launched = start('demo.launch.py', f'robot:={robot}', 'rviz:=false',
+                     'xacro_arguments:=name:=turn upper:=1.5', 'stack:=[home: {type: posture}]')
+    listener.wait(lambda: listener.client.task_names(), 'the node', [launched])
+    assert 'commands for turn' in launched.output() and 'joints turn,' in launched.output()
 
 
 def test_the_controller_alone_waits_for_a_robot(start, listener):
