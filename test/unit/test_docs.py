@@ -69,8 +69,8 @@ FENCE = re.compile(r'^(?P<fence>```+|~~~+)(?P<language>\w*|\{[\w-]+\})(?: \S+)?$
 FILE = re.compile(r'<!-- file: (\S+) -->')
 LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
 # Programs that are not ours; what they are told is not looked at.
-FOREIGN = {'bloom-release', 'cd', 'colcon', 'export', 'git', 'mkdir', 'pip', 'rosdep', 'source',
-           '.'}
+FOREIGN = {'bloom-generate', 'bloom-release', 'cd', 'colcon', 'dpkg-buildpackage', 'export', 'git',
+           'mkdir', 'pip', 'rosdep', 'source', '.'}
 # Parameters that every node has.
 EVERY_NODE = {'use_sim_time': False}
 # Packages of drivers, whose launch files and executables are not looked at either.
