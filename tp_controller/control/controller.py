@@ -304,13 +304,34 @@ class Controller(TaskInputs):
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        tasks, solved = self._tasks, None
-        if self._changes.shared is None and tasks.started:
-            solved = self._core.solve(self._options, tasks, self._last, q, now, passive,
-                                      elapsed)
-        self._last = solved or self._step(q, now, passive, elapsed)
-        return Command(self._last.velocity, Report(self.robot, tasks.stack.inactive,
-                                                   tasks.stack.faults, self._last))
+        tasks, last = self._tasks, self._unblended()
+        solved: SolvedCycle | None = None
+        if last is not None:
+            if not tasks.started:
+                tasks.start(self._state(q, passive))
+            solved = self._core.solve(self._options, tasks, last, q, now, passive, elapsed)
+        if solved is None:
+            solved = self._step(q, now, passive, elapsed)
+        self._last = solved
+        self._changes.clear()
+        return Command(solved.velocity, Report(self.robot, tasks.stack.inactive,
+                                               tasks.stack.faults, solved))
+
+    def _state(self, q: ArrayLike, passive: ArrayLike | None) -> RobotState:
+        """Return the state at a configuration, at the last command."""
+        state = self._states.update(q, passive)
+        state.velocity = self.velocity
+        return state
+
+    def _unblended(self) -> SolvedCycle | Commanded | None:
+        """Return the last cycle, as the next one continues it; None if a change is blended in."""
+        changes = self._changes
+        if changes.shared is None:
+            return self._last
+        if self._settings.blend > 0.0 and self._memory.commanded is not None:
+            return None
+        memory = self._memory.for_groups(changes.groups, self.stack.active)
+        return Commanded(memory._replace(escape=memory.escape.reset()))
 
     def _step(self, q: ArrayLike, now: float, passive: ArrayLike | None,
               elapsed: float | None) -> Solved:
@@ -319,8 +340,7 @@ class Controller(TaskInputs):
         # Of the last command; nothing is blended in at rest.
         moving = changes.shared is not None and self._settings.blend > 0.0 and self.velocity.any()
         before = self._states.present if moving else None
-        state = self._states.update(q, passive)
-        state.velocity = self.velocity
+        state = self._state(q, passive)
         if not tasks.started:
             tasks.start(state)
         # Evaluate the states in the order of time.
@@ -335,7 +355,6 @@ class Controller(TaskInputs):
             # Name the task with faulty levels, if it is a single one.
             stack.check(evaluations, self.robot.n)
             raise
-        changes.clear()
         return Solved(evaluations, cycle, outcome, memory,
                       Place(state.q, self._states.passive, now, self._states.spare))
 

@@ -263,14 +263,24 @@ def test_inputs_act_in_the_next_cycle_whoever_sets_them():
         lambda c: None]
     for cycle, change in enumerate(changes):
         both(change)
-        # The first cycle after most changes is one of `step`, the next one is not.
         for part in (0.0, 0.5):
             found, expected = (controller.update(READY, 0.01 * (cycle + part))
                                for controller in (one, other))
             close(found.velocity, expected.velocity)
+            assert one._memory.escape[:3] == other._memory.escape[:3]
         assert [task.status for task in found.report.tasks] == \
             [task.status for task in expected.report.tasks]
-    assert sum(record is not None for record in records) >= 14
+    assert len(records) == 2 * len(changes) and None not in records
+
+
+def test_goal_that_is_blended_in_needs_step():
+    one, _ = pair('- tool: {type: position, frame: panda_hand_tcp}\n', blend=0.1)
+    records, goal = counting(one), one.robot.state(READY).position(TOOL) + 0.1
+    for cycle in range(30):
+        if cycle == 5:
+            one.set_goal('tool', goal, 0.05)
+        one.update(READY, 0.01 * cycle)
+    assert None not in records[:5] and records[5] is None and records[-1] is not None
 
 
 def test_feed_forward_velocity_times_out():
@@ -290,11 +300,13 @@ def test_robot_that_rests_at_a_singularity_is_nudged():
     one, other = pair('- tool: {type: position, frame: link3, axes: xy}\n', robot, blend=0.0)
     records, q, overrides = counting(one), np.zeros(3), []
     for cycle in range(200):
-        if cycle == 3:
+        # New nudges are allowed after the second goal.
+        if cycle in (3, 190):
             for controller in (one, other):
-                controller.set_goal('tool', [0.4, 0.0, 0.0], 0.03)
+                controller.set_goal('tool', [0.4, 0.0, 0.0], 0.01 * cycle)
         found, expected = (controller.update(q, 0.01 * cycle) for controller in (one, other))
         close(found.velocity, expected.velocity, 1e-9)
+        assert one._memory.escape[:3] == other._memory.escape[:3]
         overrides.append(one._last.outcome.override)
         q = q + 0.01 * found.velocity
     assert 'leaving a singularity' in overrides and records[10] is not None
