@@ -33,8 +33,8 @@ MIRRORS = [path.relative_to(TESTS).as_posix() for wing in ('unit', 'ros')
            for path in sorted((TESTS / wing).glob('*/**/test_*.py'))]
 # Parts of the library, lowest first: each imports only itself and those before it. `root` are the
 # modules beside the parts, `package` is what `import tp_controller` gives.
-LIBRARY = ('core', 'solver', 'untrusted', 'root', 'model', 'tasks', 'control', 'positions',
-           'package')
+LIBRARY = ('core', 'solver', 'untrusted', 'root', 'model', 'references', 'tasks', 'control',
+           'positions', 'package')
 # Parts of the wings, and what each imports besides itself and the library.
 WINGS = {
     'ros.declarations': (),

@@ -14,13 +14,17 @@
 
 """Stack in force: its tasks are started, evaluated, enabled and replaced."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+import math
 from typing import Any
 
+import numpy as np
 from tp_controller.control.changes import Changes
 from tp_controller.control.lead import Lead
+from tp_controller.control.report import NO_TRAJECTORIES
 from tp_controller.errors import EvaluationError, GoalError, unknown
 from tp_controller.model.state import RobotState
+from tp_controller.references.reference import Reference
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.task_errors import accept
@@ -55,6 +59,9 @@ class ActiveStack:
         self.changes = Changes()
         self.started = self.switches_off = False
         self._leads: dict[Task, Lead] = {}
+        self._references: dict[Task, Reference] = {}
+        # Time of the last cycle that followed them [s].
+        self._followed = -math.inf
 
     def own(self) -> None:
         """Mark the tasks of the stack as used."""
@@ -66,6 +73,9 @@ class ActiveStack:
         before = self.stack.active
         self._end_leads()
         stack.inherit_goals(self.stack)
+        self._references = {
+            stack.tasks[task.name]: reference for task, reference in self._references.items()
+            if _goes_on(task, stack.tasks.get(task.name))}
         self._owner = object()
         self.stack = stack
         self.own()
@@ -85,6 +95,7 @@ class ActiveStack:
         self.changes.announce(0)
         self.started = False
         self._end_leads()
+        self.end_references()
         self.stack.forget_goals()
 
     def task(self, name: str) -> Task:
@@ -96,10 +107,62 @@ class ActiveStack:
     def set_goal(self, task: Task, goal: Any, now: float, lead: Lead | None = None) -> None:
         """Set the goal of a task, parsed and in its reference frame, and what leads there."""
         self.changes.announce_goal(task, self.stack.active, now)
+        self._end_reference(task)
         accept(task, task.set_goal, goal, now)
         self._end_lead(task)
         if lead is not None:
             self._leads[task], task.led = lead, True
+
+    # Trajectories
+
+    @property
+    def follows(self) -> bool:
+        """Return whether any task follows a trajectory."""
+        return bool(self._references)
+
+    def reference(self, task: Task, now: float) -> Reference | None:
+        """Return the reference that a task follows; None if it follows none, or it is over."""
+        found = self._references.get(task)
+        return None if found is None or found.is_over(now) else found
+
+    def set_reference(self, task: Task, reference: Reference, now: float) -> None:
+        """Let a task follow a reference, which goes on from where it is and moves."""
+        if task not in self._references:
+            accept(task, task.set_goal, reference.goal(now, 0.0)[0], now)
+        if task in self._leads:
+            self.changes.announce_goal(task, self.stack.active, now)
+            self._end_lead(task)
+        self._references[task] = reference
+
+    def follow(self, now: float, period: float) -> None:
+        """Set goals and feed-forward velocities of a cycle; `period` is the longest one [s]."""
+        # The velocity of a cycle is the mean of those until the next: that in its middle.
+        passed, self._followed = now - self._followed, now
+        ahead = 0.5 * min(passed, period) if 0.0 < passed < math.inf else 0.0
+        for task, reference in tuple(self._references.items()):
+            task.goal, velocity = reference.goal(now, ahead)
+            if reference.is_over(now):
+                self._end_reference(task)
+            else:
+                task.set_feed_forward(velocity, now)
+
+    def progress(self, now: float) -> Mapping[str, float]:
+        """Return {task: share of the time of its trajectory that has passed}."""
+        return {task.name: reference.progress(now)
+                for task, reference in self._references.items()} if self._references \
+            else NO_TRAJECTORIES
+
+    def end_references(self) -> None:
+        """Let all tasks stay at the present values of their trajectories."""
+        for task in tuple(self._references):
+            self._end_reference(task)
+
+    def _end_reference(self, task: Task) -> None:
+        """Let a task stay at the present value of its trajectory."""
+        if self._references.pop(task, None) is not None:
+            task.forget_feed_forward()
+
+    # Feed-forward velocities and enabling
 
     def set_feed_forward(self, task: Task, velocity: Any, now: float) -> None:
         """Set the feed-forward velocity of a task, parsed and in its reference frame."""
@@ -112,6 +175,7 @@ class ActiveStack:
             return
         before = self.stack.active
         self._end_lead(task)
+        self._end_reference(task)
         if enabled:
             accept(task, task.reset)
             self.started = False
@@ -168,5 +232,14 @@ class ActiveStack:
         if not self.switches_off:
             raise error
         before = self.stack.active
+        if error.task in self.stack.tasks:
+            self._end_reference(self.stack.tasks[error.task])
         self.stack.switch_off(error.task, error.reason)
         self.changes.announce_stack(before, self.stack.active)
+
+
+def _goes_on(task: Task, other: Task | None) -> bool:
+    """Return whether a task that replaces another one goes on with its trajectory."""
+    return other is not None and other.goal is not None and type(other) is type(task) \
+        and bool(accept(other, other.is_compatible, task)) \
+        and np.array_equal(other.goal, task.goal)

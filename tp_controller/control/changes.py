@@ -16,6 +16,8 @@
 
 import math
 
+from tp_controller.control.solved_cycle import SolvedCycle
+from tp_controller.control.step import Commanded
 from tp_controller.tasks.stack import Groups, shared_levels
 from tp_controller.tasks.task import Task
 
@@ -69,6 +71,20 @@ class Changes:
         if shared < max(len(before), len(after)):
             self.announce(shared)
             self.groups = before if self.groups is None else self.groups
+
+    def continued(self, last: SolvedCycle | Commanded, active: Groups
+                  ) -> SolvedCycle | Commanded | None:
+        """
+        Return the last cycle as the next one continues it; None if a change is blended in.
+
+        `active`: enabled tasks of each level.
+        """
+        if self.shared is None:
+            return last
+        if self.duration > 0.0 and last.memory.commanded is not None:
+            return None
+        memory = last.memory.for_groups(self.groups, active)
+        return Commanded(memory._replace(escape=memory.escape.reset()))
 
     def clear(self) -> None:
         """Clear the changes, after a cycle."""

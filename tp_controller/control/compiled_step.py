@@ -218,8 +218,8 @@ class CoreCycles:
         states, state, place = self._states, None, None
         given: list[Evaluation] = []
         if step.given or self._moving_base or passive is not None or states.passive is not None:
-            state = states.update(q, passive)
-            state.velocity, place = last.velocity, state.q
+            state = states.update(q, passive, last.velocity)
+            place = state.q
             evaluated = tasks.evaluate_some(step.given, state, now)
             if evaluated is None:
                 return None

@@ -29,7 +29,7 @@ from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.solved_cycle import Solved, SolvedCycle
 from tp_controller.control.step import Commanded, CycleMemory, Problem, Snapshot, step
-from tp_controller.control.task_inputs import TaskInputs
+from tp_controller.control.trajectory_inputs import TrajectoryInputs
 from tp_controller.control.velocity_limits import lowered
 from tp_controller.errors import RobotError, SettingsError, TimeError
 from tp_controller.model.robot import Robot
@@ -55,7 +55,7 @@ class Command(NamedTuple):
     report: Report
 
 
-class Controller(TaskInputs):
+class Controller(TrajectoryInputs):
     """
     Velocity controller that executes a stack of tasks on a robot, one `update` per cycle.
 
@@ -169,12 +169,9 @@ class Controller(TaskInputs):
             Velocity; zero at the end, when `halt` is to be called.
 
         """
-        last = self._memory.commanded
-        if elapsed is None:
-            elapsed = now - last if last is not None else 0.0
-        self._command(now, ramp_down(
-            self._options, self._memory, self.robot.positions(np.asarray(q, dtype=float)), elapsed,
-            deceleration))
+        positions = self.robot.positions(np.asarray(q, dtype=float))
+        self._command(now, ramp_down(self._options, self._memory, positions, now, elapsed,
+                                     deceleration))
         return self.velocity
 
     @property
@@ -304,34 +301,17 @@ class Controller(TaskInputs):
         now = check_time(now, 'now', TimeError)
         if elapsed is not None:
             elapsed = check_time(elapsed, 'elapsed', TimeError)
-        tasks, last = self._tasks, self._unblended()
-        solved: SolvedCycle | None = None
+        self._follow(now)
+        tasks, solved = self._tasks, None
+        last = self._changes.continued(self._last, tasks.stack.active)
         if last is not None:
             if not tasks.started:
-                tasks.start(self._state(q, passive))
+                tasks.start(self._states.update(q, passive, self.velocity))
             solved = self._core.solve(self._options, tasks, last, q, now, passive, elapsed)
-        if solved is None:
-            solved = self._step(q, now, passive, elapsed)
-        self._last = solved
+        self._last = found = solved or self._step(q, now, passive, elapsed)
         self._changes.clear()
-        return Command(solved.velocity, Report(self.robot, tasks.stack.inactive,
-                                               tasks.stack.faults, solved))
-
-    def _state(self, q: ArrayLike, passive: ArrayLike | None) -> RobotState:
-        """Return the state at a configuration, at the last command."""
-        state = self._states.update(q, passive)
-        state.velocity = self.velocity
-        return state
-
-    def _unblended(self) -> SolvedCycle | Commanded | None:
-        """Return the last cycle, as the next one continues it; None if a change is blended in."""
-        changes = self._changes
-        if changes.shared is None:
-            return self._last
-        if self._settings.blend > 0.0 and self._memory.commanded is not None:
-            return None
-        memory = self._memory.for_groups(changes.groups, self.stack.active)
-        return Commanded(memory._replace(escape=memory.escape.reset()))
+        return Command(found.velocity, Report(self.robot, tasks.stack.inactive,
+                                              tasks.stack.faults, found, tasks.progress(now)))
 
     def _step(self, q: ArrayLike, now: float, passive: ArrayLike | None,
               elapsed: float | None) -> Solved:
@@ -340,7 +320,7 @@ class Controller(TaskInputs):
         # Of the last command; nothing is blended in at rest.
         moving = changes.shared is not None and self._settings.blend > 0.0 and self.velocity.any()
         before = self._states.present if moving else None
-        state = self._state(q, passive)
+        state = self._states.update(q, passive, self.velocity)
         if not tasks.started:
             tasks.start(state)
         # Evaluate the states in the order of time.
@@ -367,6 +347,7 @@ class Controller(TaskInputs):
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
         now = check_time(now, 'now', TimeError)
         self._last = Commanded(self._memory.after_command(velocity, now, self._options))
+        self._end_motion()
         self._changes.announce(0)
 
     def _snapshot(self, state: RobotState, now: float) -> Snapshot:

@@ -20,8 +20,8 @@ from tp_controller.control.step import CycleMemory
 from tp_controller.model.spatial import Array
 
 
-def ramp_down(options: CycleOptions, memory: CycleMemory, positions: Array, elapsed: float,
-              deceleration: float) -> Array:
+def ramp_down(options: CycleOptions, memory: CycleMemory, positions: Array, now: float,
+              elapsed: float | None, deceleration: float) -> Array:
     """
     Return the next velocity (n,) of a ramped stop; zero at its end.
 
@@ -33,13 +33,18 @@ def ramp_down(options: CycleOptions, memory: CycleMemory, positions: Array, elap
         Memory of the last cycle or command.
     positions : ndarray (n,)
         [rad or m]
-    elapsed : float
-        Time since the last command; a period if it is not more than zero [s].
+    now : float
+        [s]
+    elapsed : float or None
+        Time since the last command, by default the advance of `now`; a period if it is not more
+        than zero [s].
     deceleration : float
         Deceleration of the fastest joint [rad/s² or m/s²].
 
     """
-    before = memory.velocity
+    before, last = memory.velocity, memory.commanded
+    if elapsed is None:
+        elapsed = 0.0 if last is None else now - last
     passed = min(max(elapsed, 0.0), 1.0) or options.period
     fastest = float(np.abs(before).max(initial=0.0))
     left = fastest - deceleration * passed

@@ -26,6 +26,8 @@ from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, Task
 
+NO_TRAJECTORIES: Mapping[str, float] = {}
+
 
 class Report:
     """
@@ -38,13 +40,15 @@ class Report:
     faults : mapping
         {name: reason} of the disabled tasks that failed.
     solved : SolvedCycle
+    progress : mapping
+        {name: share} of the tasks that follow trajectories; see `TaskReport`.
 
     """
 
     def __init__(self, robot: Robot, disabled: Sequence[Task], faults: Mapping[str, str],
-                 solved: SolvedCycle) -> None:
+                 solved: SolvedCycle, progress: Mapping[str, float] = NO_TRAJECTORIES) -> None:
         self._robot, self._disabled, self._faults = robot, disabled, faults
-        self._solved = solved
+        self._solved, self._progress = solved, progress
 
     @cached_property
     def _solution(self) -> Solution:
@@ -61,7 +65,7 @@ class Report:
     def tasks(self) -> tuple[TaskReport, ...]:
         """Return a `TaskReport` for every task, in order of priority, the disabled ones last."""
         cycle, index = self._cycle, count()
-        return (*[TaskReport(task, level, '', cycle, next(index))
+        return (*[TaskReport(task, level, '', cycle, next(index), self._progress.get(task.name))
                   for level, group in enumerate(self._solved.tasks, 1) for task in group],
                 *_disabled_reports(self._disabled, self._faults))
 

@@ -52,8 +52,12 @@ class StateBuffer:
         self._next, self._other, self.spare = [robot.state(robot.neutral()) for _ in range(3)]
         self.passive: Array | None = None
 
-    def update(self, q: ArrayLike, passive: ArrayLike | None) -> RobotState:
-        """Return the state at other positions; the previous one stays valid until the next."""
+    def update(self, q: ArrayLike, passive: ArrayLike | None, velocity: Array) -> RobotState:
+        """
+        Return the state at other positions and a velocity (n,) [rad/s or m/s].
+
+        The previous one stays valid until the next.
+        """
         state = self._next
         if passive is None or not self._robot.passive_names:
             state.update(q, self.passive)
@@ -63,6 +67,7 @@ class StateBuffer:
             self.passive = np.array(passive)
         self._next, self._other = self._other, state
         self._present, self._pending = state, None
+        state.velocity = velocity
         return state
 
     @property
@@ -70,7 +75,7 @@ class StateBuffer:
         """Return the state of the last cycle; None before the first one."""
         if self._pending is not None:
             cycle, velocity = self._pending
-            self.update(cycle.place.q, None).velocity = velocity
+            self.update(cycle.place.q, None, velocity)
         return self._present
 
     @property

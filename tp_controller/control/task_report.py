@@ -73,7 +73,10 @@ class TaskReport:
         Norm of the error, its unit and the tolerance, for each unit; NaN while it is disabled or
         stopped.
     reached : bool
-        Every error is within its tolerance.
+        Every error is within its tolerance, and no trajectory moves the goal.
+    progress : float or None
+        Share of the time of the trajectory of the task that has passed, from 0 to 1; None unless
+        it follows one.
     demanded_speed, achieved_speed : float
         Norm of the demanded task velocity, and of its achieved part (over all rows;
         m/s and rad/s are added up as they are).
@@ -83,11 +86,13 @@ class TaskReport:
     """
 
     def __init__(self, task: Task, level: int | None = None, fault: str = '',
-                 cycle: 'ReportedCycle | None' = None, index: int = 0) -> None:
+                 cycle: 'ReportedCycle | None' = None, index: int = 0,
+                 progress: float | None = None) -> None:
         self.name, self.type_name, self.bounded = task.name, task.type_name, task.bounded
         self.level, self._task, self._known_fault = level, task, fault
         # Of a task that is carried out, and its index among these.
         self._cycle, self._index = cycle, index
+        self.progress = progress
 
     @cached_property
     def _evaluation(self) -> Evaluation | None:
@@ -109,8 +114,8 @@ class TaskReport:
 
     @property
     def reached(self) -> bool:
-        """Return whether every error is within its tolerance."""
-        return self.carried_out and self._measures.reached
+        """Return whether every error is within its tolerance, and no trajectory goes on."""
+        return self.carried_out and self.progress is None and self._measures.reached
 
     @property
     def demanded_speed(self) -> float:

@@ -62,6 +62,11 @@ class SharedController(Controller):
     replace_stack = _locked(Controller.replace_stack)
     set_goal = _locked(Controller.set_goal)
     set_feed_forward = _locked(Controller.set_feed_forward)
+    cancel_trajectory = _locked(Controller.cancel_trajectory)
+    # `set_trajectory` reads its values before: up to 10,000 of them.
+    _pose_of = _locked(Controller._pose_of)
+    _begin = _locked(Controller._begin)
+    _begin_checked = _locked(Controller._begin_checked)
     enable = _locked(Controller.enable)
     set_gain = _locked(Controller.set_gain)
     set_velocity_limits = _locked(Controller.set_velocity_limits)
