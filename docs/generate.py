@@ -88,6 +88,10 @@ TOPICS = {
                          '`robot_description`',
     '~/<task>/goal': 'the goal of a task',
     '~/<task>/obstacles': '[obstacles](docs/ros.md#obstacles), for tasks of that type',
+    '~/<task>/trajectory': '[poses, points or orientations with times](docs/trajectories.md'
+                           '#over-ros), or joint positions',
+    '~/<task>/path': 'the same as poses with stamps',
+    '~/<task>/trajectory/cancel': 'come to rest on a trajectory, and stay there',
     '~/<task>/twist': 'velocity of a frame, as feed-forward or as the goal of a `twist` task; '
                       'times out',
     'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
@@ -158,6 +162,8 @@ STATUS = {
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
     **{f'{which} speed': 'norm of the velocity that the task demands, and of the part of it that '
                          'is commanded' for which in ('wanted', 'achieved')},
+    'progress': 'share of the time of its [trajectory](docs/trajectories.md) that has passed, '
+                'from 0 to 1; empty without one',
     'hint': 'what would help',
     'reason': 'what limits or blocks the task',
     'causes': 'the causes in it one by one, without numbers, the largest share first, separated '
@@ -451,8 +457,9 @@ def _opened(node, owner):
             name = f'{NAMESPACE}/{name.replace("~", node.get_name())}'
         if name.startswith(own):
             name = '~/' + name.removeprefix(own)
-            if name.count('/') == 2:
-                name = f'~/<task>/{name.rpartition("/")[2]}'
+            _, task, *last = name.split('/')
+            if last and task != 'interactive_goals':
+                name = '/'.join(('~/<task>', *last))
         elif name.startswith(f'{NAMESPACE}/'):
             name = name.removeprefix(f'{NAMESPACE}/')
         yield direction, name, message_name(kind), node.get_name()

@@ -120,7 +120,7 @@ def test_the_client_reads_what_the_controller_writes(harness):
         'rest', 'posture', '1', 'limited', {'rad': float(written['error [rad]'])},
         {'rad': float(written['tolerance [rad]'])}, float(written['wanted speed']),
         float(written['achieved speed']), 'joint1 at its velocity limit', written['hint'],
-        ('joint1 at its velocity limit',), listeners={'goal': 1})
+        ('joint1 at its velocity limit',), listeners={'goal': 1, 'trajectory': 1})
     assert rest.hint and 0.0 < rest.achieved_speed < rest.wanted_speed
 
 

@@ -252,7 +252,8 @@ def test_what_belongs_to_a_task_that_stays_is_not_made_anew(harness):
                 if '/swing/' in getattr(part, 'topic_name', getattr(part, 'srv_name', ''))}
 
     before, events = parts(), harness.record(ParameterEvent, '/parameter_events')
-    assert len(before) == 3
+    # Goal, trajectory, its end, enabling and numbers.
+    assert len(before) == 5
     assert harness.trigger('reload').success
     assert rig.change({'stack': STACK + '- later: {type: posture}\n'}) == ''
     assert rig.change({'stack': STACK.replace('gain: 5.0', 'gain: 4.0')}) == ''

@@ -64,6 +64,8 @@ class TaskStatus:
         Probable mistake in the last accepted goal; whether the gain is too high.
     listeners : dict
         {topic: number of subscriptions} of the topics of goals.
+    progress : float
+        Share of the time of its trajectory that has passed; NaN without one.
 
     """
 
@@ -84,6 +86,7 @@ class TaskStatus:
     goal_warning: str = ''
     gain_warning: str = ''
     listeners: Mapping[str, int] = field(default_factory=dict)
+    progress: float = math.nan
 
     @property
     def done(self) -> bool:
@@ -177,7 +180,7 @@ def _task(entry: Message) -> TaskStatus:
         _count(text('goals refused')), text('last refusal'), text('goal warning'),
         text('gain warning'),
         {key.removesuffix(' listeners'): _count(value) for key, value in values.items()
-         if key.endswith(' listeners')})
+         if key.endswith(' listeners')}, _number(text('progress')))
 
 
 def _by_unit(values: Mapping[str, str], start: str) -> dict[str, float]:

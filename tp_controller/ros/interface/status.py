@@ -114,6 +114,7 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
         values.append(_value(f'tolerance [{unit}]', f'{tolerance:.6g}'))
     values.append(_value('wanted speed', f'{task.demanded_speed:.6g}'))
     values.append(_value('achieved speed', f'{task.achieved_speed:.6g}'))
+    values.append(_value('progress', '' if task.progress is None else f'{task.progress:.4f}'))
     values.append(_value('reason', task.reason))
     values.append(_value('causes', '; '.join(task.phrases)))
     values.append(_value('hint', task.hint))

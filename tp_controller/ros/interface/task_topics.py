@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 from tp_controller.control.controller import Controller
 from tp_controller.errors import GoalError, in_words
 from tp_controller.positions.approach import set_goal_by_posture
@@ -31,12 +31,16 @@ from tp_controller.ros import Message
 from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.interface.goal_messages import GoalMessage, messages_of, Parts
 from tp_controller.ros.interface.tf_frames import TfFrames
+from tp_controller.ros.interface.trajectory_messages import trajectories_of, TrajectoryMessage
 from tp_controller.ros.log import Log
 from tp_controller.ros.rclpy_internals import RCLError
 from tp_controller.tasks.frame import BY_POSTURE
 from tp_controller.tasks.obstacle_goals import ALL_OBSTACLES
+from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import accept
 
+# Service that ends a trajectory.
+CANCEL = 'trajectory/cancel'
 # Period of retries to open a topic [s], and number of failures that is logged.
 REOPEN_PERIOD = 0.02
 LOGGED_FAILURES = 100
@@ -111,7 +115,9 @@ class TaskTopics:
         self._needed = {}
         for name, task in self._controller.stack.tasks.items():
             self._needed[name, 'enable'] = SetBool
-            for entry in messages_of(task):
+            if trajectories_of(task):
+                self._needed[name, CANCEL] = Trigger
+            for entry in _entries_of(task):
                 self._needed[name, entry.topic] = entry.kind
         closed = [key for key, (kind, _) in self._open.items()
                   if self._needed.get(key) is not kind]
@@ -131,7 +137,8 @@ class TaskTopics:
         name, topic : str
             The task, and the last part of the topic of the message.
         message : Message
-            Of the type in `messages_of` for that topic; other types are ignored.
+            Of the type in `messages_of` or `trajectories_of` for that topic; other types are
+            ignored.
 
         """
         kind, _ = self._open.get((name, topic), (None, None))
@@ -139,7 +146,7 @@ class TaskTopics:
             # The message was sent before the stack changed.
             return
         task = self._controller.stack.tasks[name]
-        entry, = (entry for entry in messages_of(task) if entry.topic == topic)
+        entry, = (entry for entry in _entries_of(task) if entry.topic == topic)
         record = self.records[name]
         try:
             self._warn(name, self._hand_on(name, entry, message))
@@ -155,7 +162,7 @@ class TaskTopics:
         for record in self.records.values():
             record.listeners = {}
         for (name, topic), (kind, _) in self._open.items():
-            if kind is not SetBool and name in self.records:
+            if kind not in (SetBool, Trigger) and name in self.records:
                 self.records[name].listeners[topic] = self._node.count_subscribers(
                     f'{self._node.get_fully_qualified_name()}/{name}/{topic}')
 
@@ -188,6 +195,10 @@ class TaskTopics:
             service = self._node.create_service(kind, f'~/{name}/{topic}',
                                                 partial(self._on_enable, name))
             return partial(self._node.destroy_service, service)
+        if kind is Trigger:
+            service = self._node.create_service(kind, f'~/{name}/{topic}',
+                                                partial(self._on_cancel, name))
+            return partial(self._node.destroy_service, service)
         return AdaptiveSubscription(self._node, kind, f'~/{name}/{topic}',
                                     partial(self.take, name, topic)).close
 
@@ -204,6 +215,17 @@ class TaskTopics:
         response.message = f'task {name} is {"enabled" if request.data else "disabled"}'
         return response
 
+    def _on_cancel(self, name: str, request: Trigger.Request,
+                   response: Trigger.Response) -> Trigger.Response:
+        """End the trajectory of a task."""
+        try:
+            response.success = self._controller.cancel_trajectory(name, self._clock())
+            response.message = f'task {name} comes to rest' if response.success \
+                else f'task {name} follows no trajectory'
+        except Exception as error:
+            response.success, response.message = False, in_words(error)
+        return response
+
     def _warn(self, name: str, remarks: Collection[str]) -> None:
         """Record the remarks about a goal; log them once for a stream of goals."""
         record, warning = self.records[name], '; '.join(remarks)
@@ -211,8 +233,11 @@ class TaskTopics:
             self._log.warning(f'goal for task {name}: {warning}', f'warned {name}')
         record.warning = warning
 
-    def _hand_on(self, name: str, entry: GoalMessage, message: Message) -> Collection[str]:
+    def _hand_on(self, name: str, entry: GoalMessage | TrajectoryMessage, message: Message
+                 ) -> Collection[str]:
         """Pass the content of a message to the controller; return remarks about it."""
+        if isinstance(entry, TrajectoryMessage):
+            return self._take_trajectory(name, entry, message)
         if entry.parts is not None:
             self._take_parts(name, entry.parts(message))
             return ()
@@ -233,6 +258,14 @@ class TaskTopics:
         if feed_forward is not None:
             self._controller.set_feed_forward(name, feed_forward, now, frame)
         return remarks
+
+    def _take_trajectory(self, name: str, entry: TrajectoryMessage, message: Message
+                         ) -> Collection[str]:
+        """Pass a trajectory to the controller; return remarks about it."""
+        given = entry.timed(message, self._controller.stack.tasks[name].goal_type or '')
+        now, stamp = self._clock(), 1e-9 * self._node.get_clock().now().nanoseconds
+        return self._controller.set_trajectory(name, given.due(now, stamp), given.values, now,
+                                               self._frame(given.frame), speed=given.speed)
 
     def _take_parts(self, name: str, parts: Parts) -> None:
         """Pass parts (frame, goal) to the controller, all of them or none."""
@@ -258,3 +291,8 @@ class TaskTopics:
         if not frame or frame in self._controller.robot.frame_names:
             return frame or None
         return self._frames.pose(frame)
+
+
+def _entries_of(task: Task) -> list[GoalMessage | TrajectoryMessage]:
+    """Return the messages that a task accepts, one for each topic."""
+    return [*messages_of(task), *trajectories_of(task)]

@@ -35,7 +35,8 @@ TASK = {
     'reason': 'blocked by a and the velocity limit of b together',
     'causes': 'blocked by a; b at its velocity limit', 'hint': 'wait', 'goals accepted': '3',
     'goals refused': '1', 'last refusal': 'not finite', 'goal warning': 'out of reach',
-    'goal listeners': '2', 'twist listeners': '1', 'gain warning': 'too high'}
+    'goal listeners': '2', 'twist listeners': '1', 'gain warning': 'too high',
+    'progress': '0.25'}
 
 
 def entry(name, text, values):
@@ -60,7 +61,7 @@ def test_every_key_of_a_task_has_its_field():
     assert task(**TASK) == TaskStatus(
         'tool', 'pose', '2', 'limited', {'m': 0.1, 'rad': 2.0}, {'m': 0.001, 'rad': 0.01}, 0.4,
         0.3, TASK['reason'], 'wait', ('blocked by a', 'b at its velocity limit'), 3, 1,
-        'not finite', 'out of reach', 'too high', {'goal': 2, 'twist': 1})
+        'not finite', 'out of reach', 'too high', {'goal': 2, 'twist': 1}, 0.25)
 
 
 def test_a_controller_is_known_by_its_keys_and_its_head():
