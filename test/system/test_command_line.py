@@ -123,6 +123,17 @@ def test_a_velocity_is_repeated_for_as_long_as_asked(robot, goal):
     robot.wait(lambda: robot.client.task_status('swing').accepted >= 5, 'repetition')
 
 
+def test_a_way_leads_through_its_points_at_its_speed(robot, goal):
+    goal('tool', '--xyz', '0.45', '0', '0.5', *DOWN, '--reach', '15')
+    before = len(robot.states)
+    status, said, _ = goal('tool', '--via', '0.45', '0.1', '0.5', '--xyz', '0.45', '0.1', '0.4',
+                           *DOWN, '--speed', '0.2', '--reach', '15')
+    assert (status, said.partition('\n')[0]) == (0, 'goal sent to task tool')
+    np.testing.assert_allclose(tool(robot), (0.45, 0.1, 0.4), atol=2e-3)
+    places = np.array([panda().state(q).position(PANDA_TOOL) for q, *_ in robot.states[before:]])
+    assert np.linalg.norm(places - (0.45, 0.1, 0.5), axis=1).min() < 5e-3
+
+
 def test_a_goal_out_of_reach_returns_1_and_says_why(goal):
     status, said, _ = goal('elbow', '--xyz', '0', '2', '0', '--reach', '1.5')
     assert status == 1

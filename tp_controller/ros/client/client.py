@@ -14,7 +14,7 @@
 
 """Client of a controller: sends goals, receives the status."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 import time
 from typing import Any
 
@@ -34,7 +34,9 @@ from tp_controller.ros.client.goal_fields import Fields, listed, make_message
 from tp_controller.ros.client.graph import absence, goal_topics
 from tp_controller.ros.client.received_status import subscribe_status
 from tp_controller.ros.client.status import ControllerStatus, TaskStatus
+from tp_controller.ros.client.trajectory_fields import make_trajectory
 from tp_controller.ros.signals import uninterrupted
+from trajectory_msgs.msg import JointTrajectory
 
 # Timeouts on closing for the acknowledgement of goals: by the controller, and, once it has
 # answered, by all other subscribers [s].
@@ -181,15 +183,53 @@ class Client:
 
         """
         topic = 'twist' if {'linear', 'angular'} & set(fields) else 'goal'
+        kinds = self._await_topics(task, (topic,), fields, wait)
+        message = make_message(task, kinds[topic], fields, self._names)
+        self._send(task, topic, message, frame, wait)
 
-        def found() -> bool:
-            return topic in self.tasks().get(task, {})
+    def send_trajectory(self, task: str, values: Sequence[Fields],
+                        times: Sequence[float] | None = None, speed: float = 0.0,
+                        frame: str = '', wait: float = 10.0) -> None:
+        """
+        Publish a trajectory for a task.
 
-        self.wait(lambda: found() or task not in (self.task_names() or [task]), wait)
-        if not found():
-            raise GoalError(self._absence(task, topic, fields))
-        message = make_message(task, self.tasks()[task][topic], fields, self._names)
-        if frame and isinstance(message, JointState):
+        Parameters
+        ----------
+        task, frame, wait
+            See `send`.
+        values : sequence of dict
+            Fields of each goal, as for `send`.
+        times : sequence of float, optional
+            Times from the receipt on [s]; without them the task moves at the speed.
+        speed : float
+            [m/s, or rad/s without a position]
+
+        Raises
+        ------
+        GoalError
+            As `send`.
+
+        """
+        kinds = self._await_topics(task, ('goal', 'trajectory'), values[0], wait)
+        message = make_trajectory(task, kinds, values, times, speed, self._names)
+        self._send(task, 'trajectory', message, frame, wait)
+
+    def _await_topics(self, task: str, topics: Sequence[str], fields: Fields,
+                      wait: float) -> dict[str, type]:
+        """Wait for topics of a task; return {topic: message type}."""
+        def missing() -> list[str]:
+            known = self.tasks().get(task, {})
+            return [topic for topic in topics if topic not in known]
+
+        self.wait(lambda: not missing() or task not in (self.task_names() or [task]), wait)
+        absent = missing()
+        if absent:
+            raise GoalError(self._absence(task, absent[0], fields))
+        return self.tasks()[task]
+
+    def _send(self, task: str, topic: str, message: Message, frame: str, wait: float) -> None:
+        """Publish a message in a frame, and wait for the answer."""
+        if frame and isinstance(message, (JointState, JointTrajectory)):
             raise GoalError(f'a goal of task {task!r} is not expressed in a frame: leave it out')
         message.header.frame_id = frame
         publisher = self._publisher(task, topic, type(message))
@@ -284,6 +324,8 @@ class Client:
         """Return the error message for a topic of a task that was not found."""
         tasks = self.tasks()
         names = self.task_names() or sorted(tasks)
+        if topic == 'trajectory' and task in tasks:
+            return f'task {task!r} follows no trajectory'
         if not names:
             return absence(f'/{self.controller}')
         if task not in names:

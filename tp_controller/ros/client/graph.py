@@ -16,6 +16,10 @@
 
 from rclpy.node import Node
 from tp_controller.ros.client.goal_fields import TYPES
+from tp_controller.ros.client.trajectory_fields import TRAJECTORY_TYPES
+
+# {last part of a topic: message types}
+TOPIC_TYPES = {'goal': TYPES, 'twist': TYPES, 'trajectory': TRAJECTORY_TYPES}
 
 
 def goal_topics(node: Node, controller: str) -> dict[str, dict[str, type]]:
@@ -24,9 +28,9 @@ def goal_topics(node: Node, controller: str) -> dict[str, dict[str, type]]:
     found: dict[str, dict[str, type]] = {}
     for topic, types in node.get_topic_names_and_types():
         name, _, last = topic.removeprefix(prefix).partition('/')
-        if topic.startswith(prefix) and last in ('goal', 'twist') and types[0] in TYPES \
-                and node.count_subscribers(topic):
-            found.setdefault(name, {})[last] = TYPES[types[0]]
+        kind = TOPIC_TYPES.get(last, {}).get(types[0])
+        if topic.startswith(prefix) and kind is not None and node.count_subscribers(topic):
+            found.setdefault(name, {})[last] = kind
     return found
 
 

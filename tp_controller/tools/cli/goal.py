@@ -24,6 +24,7 @@ from tp_controller.control.units import with_unit
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.goal_way import add_way_arguments, is_way, way, way_fault
 from tp_controller.tools.cli.values import assignment, finite_number, positive_number
 
 if TYPE_CHECKING:  # Imported when a goal is sent: the help needs no ROS.
@@ -44,6 +45,9 @@ examples:
   tp_controller goal posture --joint panda_joint4=-115 --deg
   tp_controller goal swing --velocity joint1=0.3 --for 2
   tp_controller goal carry --linear 0.1 0 0 --for 3
+  tp_controller goal elbow --xyz 0 0.1 0.6 --speed 0.1
+  tp_controller goal elbow --via 0 0.1 0.6 --via 0 0.1 0.5 --xyz 0 0 0.6 --speed 0.1
+  tp_controller goal tool --file poses.csv --speed 0.1
 
 The same with the ros2 command:
   ros2 topic pub --once /tp_controller/elbow/goal geometry_msgs/msg/PointStamped \\
@@ -69,13 +73,14 @@ def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
                         help='linear velocity [m/s]')
     parser.add_argument('--angular', nargs=3, type=finite_number, metavar=('X', 'Y', 'Z'),
                         help='angular velocity [rad/s]')
+    add_way_arguments(parser)
     parser.add_argument('--deg', action='store_true',
                         help='angles are in degrees, of --rpy and --angular, and of joints that '
                         'turn')
     parser.add_argument('--frame', default='',
                         help='frame the goal is expressed in (default: the reference frame of '
                         'the task)')
-    parser.add_argument('--for', dest='duration', type=positive_number, metavar='SECONDS',
+    parser.add_argument('--for', dest='repeat', type=positive_number, metavar='SECONDS',
                         help='repeat the goal for so long: velocities time out')
     parser.add_argument('--reach', type=positive_number, metavar='SECONDS',
                         help='wait until the goal is reached, at most so long; the exit status '
@@ -113,9 +118,15 @@ def send_goal(options: argparse.Namespace) -> int:
     set_up_fast_dds()
     from tp_controller.ros.client.client import Client
     with Client(options.node, names=OPTIONS) as client:
-        client.send(options.task, options.frame, options.wait, **_fields(options, client))
-        if options.duration:
-            _repeat(client, options.duration)
+        goal = _fields(options, client)
+        if is_way(options):
+            values, times = way(options, goal)
+            client.send_trajectory(options.task, values, times, options.speed or 0.0,
+                                   options.frame, options.wait)
+        else:
+            client.send(options.task, options.frame, options.wait, **goal)
+        if options.repeat:
+            _repeat(client, options.repeat)
         print(f'goal sent to task {options.task}')
         warning = client.task_status(options.task).goal_warning
         if warning:
@@ -127,6 +138,8 @@ def send_goal(options: argparse.Namespace) -> int:
 
 def _fault(options: argparse.Namespace) -> str:
     """Return the fault of the given goal; empty if there is none."""
+    if is_way(options):
+        return way_fault(options)
     if not any((options.xyz, options.rpy, options.quat, options.joint, options.velocity,
                 options.linear, options.angular)):
         return ('nothing to send; give --xyz, --rpy, --quat, --joint, --velocity, --linear or '
