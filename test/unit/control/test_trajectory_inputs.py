@@ -199,6 +199,18 @@ def test_speed_makes_a_goal_a_straight_line(speed, peak):
     np.testing.assert_allclose(places[-1], goal[:3], atol=1e-4)
 
 
+def test_number_for_a_pose_limits_its_turn_to_that_of_a_point_a_quarter_of_a_metre_off():
+    run = Run()
+    end = run.pose()
+    end[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix() @ end[:3, :3]
+    run.controller.set_goal('tool', end, run.now, speed=0.1)
+    run.go(500)
+    turns = [Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).magnitude()
+             for before, after in zip(run.places, run.places[1:])]
+    assert max(turns) / PERIOD == pytest.approx(0.1 / 0.25, rel=0.03)
+    np.testing.assert_allclose(run.pose(), end, atol=1e-3)
+
+
 def test_duration_of_a_goal_is_its_time():
     run = Run()
     run.controller.set_goal('tool', circle([1.0])[0], run.now, duration=1.5)
@@ -269,6 +281,8 @@ def test_whatever_ends_the_cycles_of_a_task_ends_its_trajectory(stop):
      'disable': lambda: (controller.enable('tool', False), controller.enable('tool', True)),
      'goal': lambda: controller.set_goal('tool', circle([now])[0], now),
      'forget': controller.forget_goals}[stop]()
+    # Its velocity, too, which a task would otherwise go on with until its timeout.
+    assert controller.stack.tasks['tool'].feed_forward(now) is None
     run.now += 1.0
     run.go(200)
     assert np.abs(run.commands[-1]).max() < 2e-2
