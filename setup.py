@@ -28,6 +28,7 @@ executables = {
     'simulator_node': 'tp_controller.tools.cli.main:simulator_node',
     'watchdog_node': 'tp_controller.tools.cli.main:watchdog_node',
     'viewer_node': 'tp_controller.tools.cli.main:viewer_node',
+    'teleop_node': 'tp_controller.tools.cli.main:teleop_node',
 }
 plots = ['matplotlib<4', 'Pillow']
 # Recordings, written and read.
@@ -116,6 +117,7 @@ setup(
          glob('config/*.yaml') + glob('config/*.rviz') + glob('config/*.xml')),
         ('share/' + package_name + '/config/robots',
          glob('config/robots/*.yaml') + glob('config/robots/*.urdf')),
+        ('share/' + package_name + '/config/teleop', glob('config/teleop/*.yaml')),
         ('share/' + package_name + '/launch', glob('launch/*.launch.py')),
         *shims(),
     ],

@@ -59,6 +59,8 @@ EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 # Tests that declare faults and their outcomes.
 DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
+# Packages of the nodes that are tools.
+PARTS = {'viewer': 'tools.view', 'teleop': 'tools.teleop'}
 
 # What a goal is for `Controller.set_goal`, and the fields of its message that count.
 GOALS = {
@@ -126,6 +128,14 @@ WATCHDOG_TOPICS = {
     'cmd_vel': 'the same for a moving base',
     'velocity_controller/commands/watchdog': 'name of the watchdog, ten times a second',
     'cmd_vel/watchdog': 'the same for a moving base',
+}
+TELEOP_TOPICS = {
+    'joy': 'axes and buttons of the device; the name is the parameter `joy_topic`',
+    '/tp_controller/tool/twist': 'twist of the task; the names are the parameters `controller` '
+                                 'and `task`',
+    '~/status': '`driving`, or the reason for which nothing moves, ten times a second and when '
+                'it changes',
+    '~/gripper': 'state of the button `gripper`, when it changes',
 }
 # Page about a command, or section of one.
 COMMAND_PAGES = {
@@ -344,8 +354,7 @@ def launch_arguments(name):
 
 def parameters(node):
     """Return the table of the parameters of a node."""
-    part = 'tools.view' if node == 'viewer' else 'ros'
-    module = importlib.import_module(f'tp_controller.{part}.{node}_node')
+    module = importlib.import_module(f'tp_controller.{PARTS.get(node, "ros")}.{node}_node')
     fixed, changing = (parameter_table([spec for spec in module.PARAMETERS if spec.fixed is kind
                                         and not listed_elsewhere(node, spec)])
                        for kind in (True, False))
@@ -390,7 +399,7 @@ def goals():
 def topics(node):
     """Return the table of topics and services, read off a running node."""
     described = {'controller': TOPICS, 'simulator': SIMULATOR_TOPICS,
-                 'watchdog': WATCHDOG_TOPICS}[node]
+                 'watchdog': WATCHDOG_TOPICS, 'teleop': TELEOP_TOPICS}[node]
     opened = interfaces(node)
     # In the graph of ROS the loop of the controller is a node of its own.
     several = len({owner for *_, owner in opened}) > 1
@@ -420,6 +429,9 @@ def interfaces(node):
     elif node == 'watchdog':
         from tp_controller.ros.watchdog_node import WatchdogNode as Node
         starts = ({'base': 'planar'},)
+    elif node == 'teleop':
+        from tp_controller.tools.teleop.teleop_node import TeleopNode as Node
+        starts = ({'x': 'axis 1', 'gripper': 'button 0'},)
     else:
         from tp_controller.ros.simulator_node import SimulatorNode as Node
         starts = ({**robot, 'publish_clock': True},)
@@ -548,7 +560,8 @@ REGIONS = {
 ROS_REGIONS = {
     'goals': goals, 'status': status, 'faults': faults,
     **{f'{what.__name__} {node}': lambda what=what, node=node: what(node)
-       for what in (topics, parameters) for node in ('controller', 'simulator', 'watchdog')},
+       for what in (topics, parameters)
+       for node in ('controller', 'simulator', 'watchdog', 'teleop')},
     'parameters viewer': lambda: parameters('viewer'),
 }
 

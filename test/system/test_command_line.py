@@ -47,6 +47,7 @@ from tp_controller.tools.cli.main import (
     main,
     make_parser,
     simulator_node,
+    teleop_node,
     watchdog_node,
 )
 from tp_controller.tools.cli.status import table
@@ -386,9 +387,10 @@ def test_negative_numbers_are_numbers_however_they_are_written(monkeypatch, numb
     assert taken == [[float(number) for number in numbers]]
 
 
-@pytest.mark.parametrize('node', [controller_node, simulator_node, watchdog_node])
+@pytest.mark.parametrize('node', [controller_node, simulator_node, watchdog_node, teleop_node])
 def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch, capsys, node):
-    module = importlib.import_module(f'tp_controller.ros.{node.__name__}')
+    part = 'tools.teleop' if node is teleop_node else 'ros'
+    module = importlib.import_module(f'tp_controller.{part}.{node.__name__}')
     monkeypatch.setattr(sys, 'argv', [node.__name__, '--help'])
     assert node() == 0
     said = capsys.readouterr().out
@@ -399,7 +401,7 @@ def test_the_help_of_a_node_lists_its_parameters_and_starts_nothing(monkeypatch,
 
 
 @pytest.mark.parametrize('module', ['ros.controller_node', 'ros.simulator_node',
-                                    'ros.watchdog_node'])
+                                    'ros.watchdog_node', 'tools.teleop.teleop_node'])
 def test_the_help_of_a_module_starts_nothing_either(domain, module):
     status, said, _ = command_line(domain, '--help', module=f'tp_controller.{module}')
     name = module.rpartition('.')[2]

@@ -54,12 +54,14 @@ def test_a_signal_ends_the_nodes_with_a_last_zero_and_status_0(cell, listener, n
 @pytest.mark.parametrize('number', [
     signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
 @pytest.mark.parametrize('executable, name', [
-    ('watchdog_node', 'tp_watchdog'), ('viewer_node', 'tp_viewer')])
-def test_a_signal_ends_watchdog_and_viewer_with_status_0(start, listener, executable, name,
-                                                         number):
+    ('watchdog_node', 'tp_watchdog'), ('viewer_node', 'tp_viewer'),
+    ('teleop_node', 'tp_teleop')])
+def test_a_signal_ends_the_nodes_beside_the_controller_with_status_0(
+        start, listener, executable, name, number):
     if executable == 'viewer_node':
         pytest.importorskip('viser')
-    node = start(executable, robot=None)
+    given = ['-p', 'x:=axis 1'] if executable == 'teleop_node' else []
+    node = start(executable, *given, robot=None)
     listener.wait(lambda: name in listener.client.node.get_node_names(), 'the node', [node])
     if executable == 'viewer_node':
         # A start that takes longer than a signal waits for is ended by force.

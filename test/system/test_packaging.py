@@ -41,8 +41,8 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'tp_controller'
-EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'viewer_node',
-               'watchdog_node'}
+EXECUTABLES = {'tp_controller', 'controller_node', 'simulator_node', 'teleop_node',
+               'viewer_node', 'watchdog_node'}
 # What colcon needs of the tree.
 BUILT = ('LICENSE', 'README.md', 'bin', 'config', 'launch', 'package.xml', 'pyproject.toml',
          'resource', 'scripts', 'setup.cfg', 'setup.py', PACKAGE)

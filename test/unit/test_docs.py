@@ -78,8 +78,8 @@ DRIVERS = {'controller_manager', 'franka_bringup', 'kortex_bringup', 'ur_robot_d
            'xarm_controller'}
 # The folder of the installed package, as users of ROS write it; it has what is in the repository.
 SHARE = '$(ros2 pkg prefix --share tp_controller)/'
-EXECUTABLES = ('controller_node', 'simulator_node', 'tp_controller', 'viewer_node',
-               'watchdog_node')
+EXECUTABLES = ('controller_node', 'simulator_node', 'teleop_node', 'tp_controller',
+               'viewer_node', 'watchdog_node')
 
 
 @dataclass(frozen=True)
@@ -399,7 +399,7 @@ def test_parameter_files_set_what_the_nodes_have(block):
 
 def check_parameter(module, name, value):
     """Check that a node has a parameter, and that its type suits a value."""
-    part = 'tools.view' if module == 'viewer_node' else 'ros'
+    part = {'viewer_node': 'tools.view', 'teleop_node': 'tools.teleop'}.get(module, 'ros')
     specs = importlib.import_module(f'tp_controller.{part}.{module}').PARAMETERS
     defaults = {**EVERY_NODE, **{spec.name: spec.default for spec in specs}}
     if name.startswith(('limits', 'tasks')):

@@ -48,15 +48,16 @@ WINGS = {
     'tools.check': ('tools', 'ros.declarations'),
     'tools.recording': ('tools', 'tools.plots', 'ros', 'ros.client'),
     'tools.view': ('tools', 'tools.recording', 'ros', 'ros.client'),
+    'tools.teleop': ('tools', 'ros.declarations', 'ros', 'ros.client'),
     'tools.demos': ('tools', 'tools.plots', 'tools.check', 'tools.recording', 'tools.view',
                     'ros', 'ros.client'),
     'tools.cli': ('tools', 'tools.plots', 'tools.check', 'tools.recording', 'tools.view',
-                  'tools.demos', 'ros', 'ros.client'),
+                  'tools.teleop', 'tools.demos', 'ros', 'ros.client'),
     'start': ('tools.cli',),
 }
 # Reader of the status, which recordings need without ROS.
 READER = 'ros.client.status'
-SPEAK_ROS = ('ros', 'tools.view', 'tools.recording', 'tools.demos')
+SPEAK_ROS = ('ros', 'tools.view', 'tools.teleop', 'tools.recording', 'tools.demos')
 # What the library may use: the standard library and these. ROS only says where packages are.
 LIBRARIES = {'numpy', 'scipy', 'pinocchio', 'coal', 'yaml', 'tp_controller'}
 OPTIONAL = {('resources', 'ament_index_python'), ('model.xacro_files', 'xacro')}

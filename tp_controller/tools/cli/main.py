@@ -130,6 +130,11 @@ def viewer_node() -> int:
     return _node('viewer_node', 'tools.view')
 
 
+def teleop_node() -> int:
+    """Run the teleop node; see `tp_controller.tools.teleop.teleop_node`."""
+    return _node('teleop_node', 'tools.teleop')
+
+
 def _node(name: str, part: str = 'ros') -> int:
     """Run a node, whose module imports ROS."""
     try:

@@ -33,7 +33,7 @@ from tp_controller.tools.files import new_file, open_lock, private_folder
 DOMAINS = range(101, 49, -1)
 # {name of an executable: its subpackage}
 NODES = {'controller_node': 'ros', 'simulator_node': 'ros', 'watchdog_node': 'ros',
-         'viewer_node': 'tools.view'}
+         'viewer_node': 'tools.view', 'teleop_node': 'tools.teleop'}
 # Descriptor of the lock of each domain that this process has reserved, by id.
 _LOCKS: dict[str, int] = {}
 
@@ -116,7 +116,7 @@ class NodeProcess:
     Parameters
     ----------
     executable : str
-        ``controller_node``, ``simulator_node``, ``watchdog_node`` or ``viewer_node``.
+        Name in `NODES`.
     arguments : list of str
         ROS arguments, after ``--ros-args``.
     environment : dict

@@ -1,0 +1,100 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Dead-man switch: motion only while it is pressed and every stream of the device is alive."""
+
+from collections.abc import Iterable
+import math
+
+TIMEOUT = 'timeout'
+# Reasons for which nothing moves: the switch is open; it was pressed too early.
+SWITCH = (f'{TIMEOUT}: dead-man switch not pressed',
+          f'{TIMEOUT}: open the dead-man switch once, then press it')
+# The same of a device without a switch.
+DEFLECTION = 'at rest', f'{TIMEOUT}: bring the device to rest once'
+
+
+class DeadManSwitch:
+    """
+    Dead-man switch of a device, with a timeout of its streams and a ramp.
+
+    After the start, and after a stream was lost, the switch has to be open once before it counts
+    as pressed: nothing moves by itself when a stream comes back.
+
+    Parameters
+    ----------
+    streams : iterable of str
+        Names of the streams that all have to be alive.
+    timeout : float
+        Age of the last input from which a stream counts as lost [s].
+    ramp : float
+        Time from the press to full speed [s].
+    texts : tuple of str
+        Reasons for which nothing moves: the switch is open; it was pressed too early.
+
+    """
+
+    def __init__(self, streams: Iterable[str], timeout: float, ramp: float,
+                 texts: tuple[str, str] = SWITCH) -> None:
+        self._received = dict.fromkeys(streams, -math.inf)
+        self._timeout, self._ramp, self._texts = timeout, ramp, texts
+        self._was_open = self._pressed = False
+        # Time of the press [s]; None while the switch does not count as pressed.
+        self._since: float | None = None
+
+    def receive(self, stream: str, now: float) -> None:
+        """Record an input of a stream at a time [s]."""
+        self._check(now)
+        self._received[stream] = now
+
+    def press(self, pressed: bool, now: float) -> None:
+        """Record the state of the switch at a time [s]."""
+        self._pressed = pressed
+        if not pressed:
+            self._was_open, self._since = True, None
+        elif self._was_open and self._since is None:
+            self._since = now
+
+    def closed(self, now: float) -> bool:
+        """Return whether the device moves the robot at a time [s]."""
+        self._check(now)
+        return self._since is not None
+
+    def share(self, now: float) -> float:
+        """Return the share of the speed at a time [s]: 0, or rising to 1 after the press."""
+        self._check(now)
+        if self._since is None:
+            return 0.0
+        return min((now - self._since) / self._ramp, 1.0) if self._ramp > 0.0 else 1.0
+
+    def reason(self, now: float) -> str:
+        """Return the reason for which nothing moves at a time [s]; empty if the device may."""
+        self._check(now)
+        lost = self._lost(now)
+        if lost:
+            silent = math.isinf(self._received[lost])
+            return f'{TIMEOUT}: no input on {lost}' \
+                + ('' if silent else f' for {self._timeout:g} s')
+        return '' if self._since is not None else self._texts[self._pressed]
+
+    def _lost(self, now: float) -> str:
+        """Return the name of a stream that is lost; empty if there is none."""
+        # A clock that was set back must not extend an old input either.
+        return next((stream for stream, received in self._received.items()
+                     if not abs(now - received) <= self._timeout), '')
+
+    def _check(self, now: float) -> None:
+        """Open the switch if a stream is lost."""
+        if self._lost(now):
+            self._was_open, self._since = False, None
