@@ -581,7 +581,7 @@ def command_line_page():
     commands = [f'## {" ".join(("tp_controller", *words))}\n\n{command_help(*words)}'
                 for words in ((), *((name,) for name in COMMANDS))]
     files = [f'## {name}.launch.py\n\n{launch_arguments(name)}'
-             for name in ('controller', 'demo')]
+             for name in ('controller', 'demo', 'servo_compatible')]
     return '# The command line\n\n' + '\n'.join(commands + files)
 
 

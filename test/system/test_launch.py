@@ -37,7 +37,9 @@ import yaml
 
 LAUNCH = REPOSITORY / 'launch'
 FILES = sorted(LAUNCH.glob('*.launch.py'))
-EXECUTABLES = {'controller_node', 'simulator_node', 'tp_controller'}
+EXECUTABLES = {'controller_node', 'simulator_node', 'teleop_node', 'tp_controller'}
+# Folders of the executables below the package, but for `ros`.
+FOLDERS = {'teleop_node': '.tools.teleop'}
 # What launch starts of other packages is only told to say how it was started.
 TELL = """\
 #!{python}
@@ -112,6 +114,13 @@ def test_every_argument_that_is_read_is_declared(path):
     assert set(arguments_of(path)) - {'commands'} <= read | loops | {'use_sim_time'}
 
 
+def test_servo_hands_on_only_arguments_that_the_controller_has():
+    source = (LAUNCH / 'servo_compatible.launch.py').read_text(encoding='utf-8')
+    handed, = (ast.literal_eval(node.iter) for node in ast.walk(ast.parse(source))
+               if isinstance(node, ast.comprehension) and 'params_file' in ast.unparse(node.iter))
+    assert set(handed) <= set(arguments_of(LAUNCH / 'controller.launch.py'))
+
+
 def test_the_demo_hands_on_only_arguments_that_the_controller_has():
     handed = set()
     for _, keywords in calls(LAUNCH / 'demo.launch.py', 'IncludeLaunchDescription'):
@@ -149,7 +158,8 @@ def test_every_program_exists_in_its_package(path):
 def test_every_parameter_that_is_set_exists(path):
     controller = pytest.importorskip('tp_controller.ros.controller_node').PARAMETERS
     simulator = pytest.importorskip('tp_controller.ros.simulator_node').PARAMETERS
-    known = {spec.name for spec in (*controller, *simulator)} | {'use_sim_time'}
+    teleop = pytest.importorskip('tp_controller.tools.teleop.declarations').PARAMETERS
+    known = {spec.name for spec in (*controller, *simulator, *teleop)} | {'use_sim_time'}
     keys = {key.value for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
             if isinstance(node, ast.Dict) for key in node.keys if isinstance(key, ast.Constant)}
     # The others are fields of goals and options of the command line.
@@ -187,7 +197,8 @@ def workspace(tmp_path_factory):
     programs = {(name, name): TELL.format(python=sys.executable)
                 for name in ('rviz2', 'robot_state_publisher')}
     for name in EXECUTABLES:
-        module = 'tp_controller' if name == 'tp_controller' else f'tp_controller.ros.{name}'
+        module = 'tp_controller' if name == 'tp_controller' \
+            else f'tp_controller{FOLDERS.get(name, ".ros")}.{name}'
         programs['tp_controller', name] = f'#!/bin/sh\nexec {sys.executable} -m {module} "$@"\n'
     for (package, name), code in programs.items():
         program = prefix / 'lib' / package / name

@@ -354,7 +354,7 @@ def test_colcon_builds_a_workspace_in_which_the_command_is_found(tmp_path):
         'bash', '-c', f'source {setup} && tp_controller --version'))
     share = tmp_path / 'install' / PACKAGE / 'share' / PACKAGE
     assert {path.name for path in (share / 'launch').iterdir()} \
-        == {'controller.launch.py', 'demo.launch.py'}
+        == {'controller.launch.py', 'demo.launch.py', 'servo_compatible.launch.py'}
 
 
 def child_environment(**changes):

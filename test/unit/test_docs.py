@@ -233,7 +233,7 @@ def test_pages_of_the_site_only_have_all_messages_and_the_help_of_all_commands(g
     for name, command in COMMANDS.items():
         assert f'\n$ tp_controller {name} --help\n' in texts['command_line']
         assert command.examples.strip() in texts['command_line']
-    for name in ('controller', 'demo'):
+    for name in ('controller', 'demo', 'servo_compatible'):
         arguments = generate.launch_arguments(name)
         assert f'\n## {name}.launch.py\n\n{arguments}' in texts['command_line']
 

@@ -30,7 +30,7 @@ class DeadManSwitch:
     Dead-man switch of a device, with a timeout of its streams and a ramp.
 
     After the start, and after a stream was lost, the switch has to be open once before it counts
-    as pressed: nothing moves by itself when a stream comes back.
+    as pressed, unless told otherwise: nothing moves by itself when a stream comes back.
 
     Parameters
     ----------
@@ -40,15 +40,18 @@ class DeadManSwitch:
         Age of the last input from which a stream counts as lost [s].
     ramp : float
         Time from the press to full speed [s].
+    open_first : bool
+        After the start and after a loss the switch has to be open once.
     texts : tuple of str
         Reasons for which nothing moves: the switch is open; it was pressed too early.
 
     """
 
     def __init__(self, streams: Iterable[str], timeout: float, ramp: float,
-                 texts: tuple[str, str] = SWITCH) -> None:
+                 open_first: bool = True, texts: tuple[str, str] = SWITCH) -> None:
         self._received = dict.fromkeys(streams, -math.inf)
         self._timeout, self._ramp, self._texts = timeout, ramp, texts
+        self._open_first = open_first
         self._was_open = self._pressed = False
         # Time of the press [s]; None while the switch does not count as pressed.
         self._since: float | None = None
@@ -97,4 +100,4 @@ class DeadManSwitch:
     def _check(self, now: float) -> None:
         """Open the switch if a stream is lost."""
         if self._lost(now):
-            self._was_open, self._since = False, None
+            self._was_open, self._since = not self._open_first, None

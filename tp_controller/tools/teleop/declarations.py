@@ -33,6 +33,8 @@ PARAMETERS = (
          'at rest is one that is not pressed)', fixed=True),
     Spec('gripper', '', f'button whose state is published on ~/gripper{SUM} (empty: none)',
          fixed=True),
+    Spec('rest_first', True, 'after the start and after a loss the dead-man switch has to be open '
+         'once, or a device without one at rest', fixed=True),
     Spec('timeout', 0.2, 'age of the last message of the device from which zeros are sent', 's',
          0.01, 10.0, True),
     Spec('ramp', 0.3, 'time from the press of the dead-man switch to full speed', 's', 0.0, 10.0,

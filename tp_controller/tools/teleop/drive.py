@@ -43,6 +43,8 @@ class Drive:
         See `DeadManSwitch` [s].
     unitless : bool
         Twists of the stream are deflections, not velocities.
+    rest_first : bool
+        See `open_first` of `DeadManSwitch`.
 
     Attributes
     ----------
@@ -52,12 +54,14 @@ class Drive:
     """
 
     def __init__(self, sources: Mapping[str, Source], dead_man: Source, scaling: Scaling,
-                 timeout: float, ramp: float, unitless: bool = True) -> None:
+                 timeout: float, ramp: float, unitless: bool = True,
+                 rest_first: bool = True) -> None:
         self._sources = [sources.get(name, Source('')) for name in DIRECTIONS]
         self._joy_drives = any(self._sources)
         self._dead_man, self.scaling, self._unitless = dead_man, scaling, unitless
         streams = [JOY] * bool(self._joy_drives or dead_man) + [TWIST] * (not self._joy_drives)
-        self._switch = DeadManSwitch(streams, timeout, ramp, SWITCH if dead_man else DEFLECTION)
+        self._switch = DeadManSwitch(streams, timeout, ramp, rest_first,
+                                     SWITCH if dead_man else DEFLECTION)
         self._deflection = np.zeros(6)
         self._zeros = 0
 

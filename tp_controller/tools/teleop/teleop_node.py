@@ -59,7 +59,7 @@ class TeleopNode(ClosableNode):
             raise SettingsError(['no input: one of the parameters '
                                  f'{", ".join(DIRECTIONS)} or twist_topic is needed'])
         self._drive = Drive(directions, sources['dead_man'], _scaling(values), values['timeout'],
-                            values['ramp'], values['unitless'])
+                            values['ramp'], values['unitless'], values['rest_first'])
         self._connect(values)
         keep_fixed(self)
         accept_numbers(self)

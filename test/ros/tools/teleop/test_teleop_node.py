@@ -17,16 +17,18 @@
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from harness import Status
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from robots import panda, PANDA_DH, PANDA_READY, PANDA_TOOL
+from robots import CONFIG, panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 from tp_controller.errors import SettingsError
 from tp_controller.tools.teleop.teleop_node import TeleopNode
+import yaml
 
 STACK = f'[tool: {{type: twist, frame: {PANDA_TOOL}}}, rest: {{type: posture}}]'
 GAMEPAD = {'x': 'axis 0', 'rz': 'axis 1', 'dead_man': 'button 0', 'gripper': 'button 1',
@@ -209,3 +211,36 @@ def test_damaged_input_is_logged_and_counts_as_lost(harness, log):
 def test_a_faulty_parameter_is_refused_with_its_name(harness, parameters, told):
     with pytest.raises(SettingsError, match=told):
         harness.make(TeleopNode, **{**GAMEPAD, **parameters})
+
+
+# In place of MoveIt Servo ----------------------------------------------------------------------
+
+
+SERVO = yaml.safe_load((CONFIG / 'teleop' / 'servo.yaml').read_text())['/**']['ros__parameters']
+
+
+@pytest.mark.parametrize(('unitless', 'speed'), [(True, 0.1), (False, 0.25)])
+def test_twists_for_servo_move_the_task_from_the_first_one(harness, unitless, speed):
+    twists = harness.record(TwistStamped, '/tp_controller/tool/twist')
+    harness.make(TeleopNode, arguments=('--ros-args', '-r', '__node:=servo_node'),
+                 **{**SERVO, 'unitless': unitless})
+    publisher = harness.publisher(TwistStamped, '/servo_node/delta_twist_cmds')
+    message = TwistStamped()
+    message.header.frame_id, message.twist.linear.x = 'panda_link0', 0.25
+    harness.spin_until(lambda: twists, 'a twist', meanwhile=lambda: publisher.publish(message))
+    assert values(twists[0]) == pytest.approx([speed, 0, 0, 0, 0, 0])
+    assert twists[0].header.frame_id == 'panda_link0'
+    # Servo stops, too, when nothing comes.
+    harness.spin_until(lambda: not any(values(twists[-1])), 'zeros')
+
+
+def test_poses_for_servo_are_goals_of_the_task(harness):
+    harness.controller(robot=str(PANDA_DH), stack=STACK.replace('twist', 'pose'), arguments=(
+        '--ros-args', '-r', '~/tool/goal:=servo_node/pose_target_cmds'))
+    status = Status(harness)
+    publisher = harness.publisher(PoseStamped, '/servo_node/pose_target_cmds')
+    message = PoseStamped()
+    message.pose.position.x = message.pose.orientation.w = 0.5
+    message.pose.orientation.x = 0.75 ** 0.5
+    publisher.publish(message)
+    harness.spin_until(lambda: status.task('tool')['goals accepted'] == '1', 'the goal')

@@ -71,6 +71,15 @@ def test_a_loss_that_nobody_looked_at_counts():
     assert each.share(1.0) == 0.0
 
 
+def test_a_switch_that_need_not_be_open_first_counts_from_its_first_message():
+    each = DeadManSwitch(['joy'], 0.2, 0.0, open_first=False)
+    for now in (0.0, 1.0):
+        each.receive('joy', now)
+        each.press(True, now)
+        assert each.share(now) == 1.0
+        assert each.share(now + 0.3) == 0.0
+
+
 def test_every_stream_has_to_be_alive():
     each = switch(streams=('joy', 'pose'))
     each.press(True, 0.1)
