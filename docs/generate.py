@@ -142,6 +142,7 @@ COMMAND_PAGES = {
     'demo': 'docs/robots.md#three-robots-at-work', 'goal': 'docs/ros.md#goals-from-the-shell',
     'status': 'docs/ros.md#status', 'check': 'docs/check.md',
     'ik': 'docs/ik.md#from-the-shell', 'view': 'docs/view.md',
+    'teleop': 'docs/teleop.md#keyboard',
     'record': 'docs/record.md', 'plot': 'docs/record.md#plot',
 }
 STATUS = {

@@ -26,7 +26,17 @@ from typing import NoReturn
 import argcomplete
 from tp_controller.errors import SolverError, TpControllerError
 from tp_controller.ros.signals import END_SIGNALS, SignalWatch
-from tp_controller.tools.cli import check, demo, goal, ik, plot, record, status, view
+from tp_controller.tools.cli import (
+    check,
+    demo,
+    goal,
+    ik,
+    plot,
+    record,
+    status,
+    teleop,
+    view,
+)
 from tp_controller.tools.extras import install_command
 from tp_controller.untrusted.texts import plain
 
@@ -42,12 +52,14 @@ examples:
   tp_controller check --help             the faults of a stack, before a robot moves
   tp_controller ik --help                inverse kinematics of a stack
   tp_controller view                     a robot in the browser, to pull about
+  tp_controller teleop carry             a task driven with the keyboard
   tp_controller record run               the topics of controllers, to files
   tp_controller plot run                 plots and a report of a recording
 """
 COMMANDS = {
     'demo': demo.COMMAND, 'goal': goal.COMMAND, 'status': status.COMMAND, 'check': check.COMMAND,
-    'ik': ik.COMMAND, 'view': view.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
+    'ik': ik.COMMAND, 'view': view.COMMAND,
+    'teleop': teleop.COMMAND, 'record': record.COMMAND, 'plot': plot.COMMAND}
 # {optional packages: (reason, extra that contains them)}
 EXTRAS = {
     ('matplotlib', 'mpl_toolkits', 'PIL'): ('the figures need it', 'plots'),

@@ -35,6 +35,7 @@ from tp_controller.ros.runner import ClosableNode, run
 from tp_controller.tools.teleop.declarations import PARAMETERS
 from tp_controller.tools.teleop.drive import Drive
 from tp_controller.tools.teleop.mapping import Array, DIRECTIONS, Scaling, Source
+from tp_controller.tools.teleop.messages import twist_message
 
 NAME = 'tp_teleop'
 # Period of the status, and of a warning that repeats [s].
@@ -127,11 +128,8 @@ class TeleopNode(ClosableNode):
 
     def _send(self, twist: Array) -> None:
         """Publish a twist (6,) for the task."""
-        message = TwistStamped()
+        message = twist_message(twist, self._frame or self._received_frame)
         message.header.stamp = self.get_clock().now().to_msg()
-        message.header.frame_id = self._frame or self._received_frame
-        linear, angular = message.twist.linear, message.twist.angular
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = twist.tolist()
         self._out.publish(message)
 
     def _text(self) -> str:
