@@ -19,7 +19,7 @@ from collections import deque
 import itertools
 from types import SimpleNamespace
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from monitor import Monitor
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -101,7 +101,8 @@ class WorldNode:
 
     def get_clock(self):
         """Return a clock that nobody simulates."""
-        return SimpleNamespace(ros_time_is_active=False)
+        return SimpleNamespace(ros_time_is_active=False,
+                               now=lambda: Time(nanoseconds=round(1e9 * self._world.now)))
 
 
 class World:
@@ -189,7 +190,8 @@ class World:
 
     def hear_base(self, raw):
         """Take a command for the base."""
-        self.twist = self.robot.base_velocities(twist_of(deserialize_message(raw, Twist)))
+        self.twist = self.robot.base_velocities(twist_of(
+            deserialize_message(raw, TwistStamped).twist))
 
     def hear(self, raw):
         """Take a command."""

@@ -75,6 +75,10 @@ class Harness:
             self.executor.add_node(each)
         return node
 
+    def nodes_of(self, *kinds):
+        """Return the nodes of some classes."""
+        return [node for node in self._nodes if isinstance(node, kinds)]
+
     def remove(self, node):
         """End a node."""
         self._nodes.remove(node)

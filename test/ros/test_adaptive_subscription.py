@@ -14,7 +14,7 @@
 
 """Goals and commands are heard whatever their publishers promise, and count once."""
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from harness import Arm, COMMANDS, JOINTS, Status
 from nav_msgs.msg import Odometry
 import pytest
@@ -43,9 +43,9 @@ def test_the_simulator_receives_commands_of_best_effort_publishers(any_harness):
     states = harness.record(JointState, '/joint_states')
     odometry = harness.record(Odometry, '/odom')
     commands = harness.publisher(Float64MultiArray, COMMANDS, BEST_EFFORT)
-    drive = harness.publisher(Twist, '/cmd_vel', BEST_EFFORT)
-    message = Twist()
-    message.linear.x = 0.2
+    drive = harness.publisher(TwistStamped, '/cmd_vel', BEST_EFFORT)
+    message = TwistStamped()
+    message.twist.linear.x = 0.2
 
     def publish():
         commands.publish(Float64MultiArray(data=[0.1] * len(JOINTS)))
@@ -56,12 +56,13 @@ def test_the_simulator_receives_commands_of_best_effort_publishers(any_harness):
                        publish)
 
 
-@pytest.mark.parametrize('kind, topic', [(Float64MultiArray, COMMANDS), (Twist, '/cmd_vel')])
+@pytest.mark.parametrize('kind, topic', [
+    (Float64MultiArray, COMMANDS), (TwistStamped, '/cmd_vel')])
 def test_a_watchdog_receives_commands_of_best_effort_publishers(harness, log, kind, topic):
     harness.make(WatchdogNode, base='planar', timeout=0.1)
     publisher, message = harness.publisher(kind, topic, BEST_EFFORT), kind()
-    if kind is Twist:
-        message.linear.x = 0.2
+    if kind is TwistStamped:
+        message.twist.linear.x = 0.2
     else:
         message.data = [0.1]
     publisher.publish(message)

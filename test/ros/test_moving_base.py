@@ -19,11 +19,13 @@ import math
 import sys
 from types import ModuleType, SimpleNamespace
 
-from geometry_msgs.msg import PoseStamped, Twist
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from harness import Arm, Status
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rclpy.node import Node
+from rclpy.time import Time
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
@@ -33,6 +35,8 @@ from tp_controller.errors import RobotError, SettingsError
 from tp_controller.model.spatial import inverse_pose
 from tp_controller.ros.client.goal_fields import make_message
 from tp_controller.ros.loop.base_topics import OdometryBuffer
+from tp_controller.ros.simulator_node import SimulatorNode
+from tp_controller.ros.watchdog_node import WatchdogNode
 
 FILE = CONFIG / 'robots' / 'mobile_arm.urdf'
 ROBOT = {'robot': str(FILE), 'base': 'differential'}
@@ -85,17 +89,17 @@ class Standing:
 class Commands:
     """What was commanded, to the joints and to the base."""
 
-    def __init__(self, harness):
-        self.joints, self._messages = harness.commands(), harness.record(Twist, '/cmd_vel')
+    def __init__(self, harness, kind=TwistStamped):
+        self.joints, self.messages = harness.commands(), harness.record(kind, '/cmd_vel')
 
     @property
     def base(self):
         """Return all twists so far."""
-        return [twist(message) for message in self._messages]
+        return [twist(getattr(message, 'twist', message)) for message in self.messages]
 
     def moving(self):
         """Say whether both parts were told to move last."""
-        return bool(self.joints and self._messages and any(self.joints[-1])
+        return bool(self.joints and self.messages and any(self.joints[-1])
                     and any(self.base[-1]))
 
     def zero(self):
@@ -319,6 +323,35 @@ def test_last_command_of_a_node_that_ends_is_zero_on_both_topics(harness):
     harness.spin_until(lambda: len(commands.base) > before and commands.zero())
 
 
+@pytest.mark.parametrize('stamped', [True, False])
+def test_velocities_of_the_base_have_a_stamp_unless_told_otherwise(harness, stamped):
+    kind = TwistStamped if stamped else Twist
+    given = {} if stamped else {'cmd_vel_stamped': False}
+    harness.controller(**ROBOT, stack=MOVING, **given)
+    commands, standing = Commands(harness, kind), Standing(harness)
+    send = harness.publisher(PoseStamped, '/tp_controller/drive/goal')
+    send.publish(make_message('drive', PoseStamped, {
+        'xyz': (1.0, 0.0, 0.0), 'quat_xyzw': (0.0, 0.0, 0.0, 1.0)}))
+    before = harness.node.get_clock().now()
+    harness.spin_until(commands.moving, meanwhile=standing.publish)
+    after = harness.node.get_clock().now()
+    np.testing.assert_allclose(commands.base[-1][1:5], 0.0)
+    if stamped:
+        stamps = [Time.from_msg(message.header.stamp) for message in commands.messages]
+        assert before < stamps[-1] < after and stamps == sorted(stamps)
+
+
+def test_a_listener_of_another_type_does_not_count(harness):
+    controller = harness.controller(**ROBOT, stack=MOVING, require_listener=True)
+    commands, status, standing = Commands(harness), Status(harness), Standing(harness)
+    harness.spin_until(lambda: status.head == 'running', meanwhile=standing.publish)
+    assert commands.messages
+    # As if the controller published another type: a process has one type on a topic.
+    controller._robot.loop.commands.publishers[-1].type_name = 'geometry_msgs/msg/Twist'
+    harness.spin_until(lambda: status.head == 'no node listens to /cmd_vel',
+                       meanwhile=standing.publish)
+
+
 def test_fixed_base_has_no_topics_of_a_base(harness):
     harness.controller()
     harness.simulator()
@@ -387,12 +420,13 @@ def test_parameters_of_a_base_that_make_no_sense_are_refused(harness, node, para
 
 # The simulator
 
-def commander(harness, *values):
+def commander(harness, *values, kind=TwistStamped):
     """Return what publishes the same command for the base once more."""
-    message = Twist()
-    linear, angular = message.linear, message.angular
+    message = kind()
+    body = message.twist if kind is TwistStamped else message
+    linear, angular = body.linear, body.angular
     linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = values
-    publisher = harness.publisher(Twist, '/cmd_vel')
+    publisher = harness.publisher(kind, '/cmd_vel')
     return lambda: publisher.publish(message)
 
 
@@ -416,6 +450,48 @@ def test_simulator_publishes_where_its_base_is_and_how_it_moves(any_harness):
     assert place.x > 1.0
     assert (place.y - 2.0) / (place.x - 1.0) == pytest.approx(math.tan(0.5))
     assert states[-1].position == states[0].position and not any(states[-1].velocity)
+
+
+@pytest.mark.parametrize('kind', [TwistStamped, Twist])
+def test_simulator_takes_both_types_of_velocities_of_a_base(harness, log, kind):
+    # Before the simulator: a process has one type on a topic.
+    drive = harness.node.create_publisher(kind, '/cmd_vel', 10)
+    message = kind()
+    (message.twist if kind is TwistStamped else message).linear.x = 0.3
+    harness.simulator(**ROBOT)
+    places = harness.record(Odometry, '/odom')
+    harness.spin_until(lambda: places and places[-1].twist.twist.linear.x == 0.3,
+                       meanwhile=lambda: drive.publish(message))
+
+
+def test_watchdog_and_simulator_follow_a_change_of_the_type(harness):
+    other = Node('base_driver', context=harness.context)
+    harness.simulator(**ROBOT)
+    harness.make(WatchdogNode, base='differential', timeout=0.1)
+    places = harness.record(Odometry, '/odom')
+
+    def types():
+        return {info.topic_type.rpartition('/')[2] for info in (
+            *other.get_publishers_info_by_topic('/cmd_vel'),
+            *other.get_subscriptions_info_by_topic('/cmd_vel'))}
+
+    harness.spin_until(lambda: types() == {'TwistStamped'})
+    published = [SimpleNamespace(topic_type='geometry_msgs/msg/Twist', node_name='planner')]
+    with pytest.MonkeyPatch.context() as patch:
+        # The planner is in another process.
+        for node in harness.nodes_of(SimulatorNode, WatchdogNode):
+            patch.setattr(node, 'get_publishers_info_by_topic', lambda topic: published)
+        harness.spin_until(lambda: types() == {'Twist'})
+    drive, commands = other.create_publisher(Twist, '/cmd_vel', 10), harness.record(
+        Twist, '/cmd_vel')
+    # Simulator, watchdog and test.
+    harness.spin_until(lambda: drive.get_subscription_count() == 3)
+    message = Twist()
+    message.linear.x = 0.3
+    harness.spin_until(lambda: places and places[-1].twist.twist.linear.x == 0.3,
+                       meanwhile=lambda: drive.publish(message))
+    harness.spin_until(lambda: commands and not any(twist(commands[-1])))
+    other.destroy_node()
 
 
 def test_base_and_joints_of_the_simulator_time_out_apart(harness):

@@ -49,6 +49,7 @@ from tp_controller.ros.parameters import (
     warn_unknown,
 )
 from tp_controller.ros.runner import ClosableNode, run
+from tp_controller.ros.twist_topic import TwistSubscription
 
 NAME = 'tp_simulator'
 # Delay of the simulation beyond which it stops catching up [s].
@@ -130,7 +131,7 @@ class SimulatorNode(ClosableNode):
             self._odometry = Odometry(child_frame_id=self._robot.base_frame)
             self._odometry.header.frame_id = self._robot.root
             self._odometry_publisher = self.create_publisher(Odometry, 'odom', 10)
-            AdaptiveSubscription(self, Twist, 'cmd_vel', self._on_base_command)
+            TwistSubscription(self, 'cmd_vel', self._on_base_command)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._start_time = time.monotonic()
         self._steps_since_start = 0

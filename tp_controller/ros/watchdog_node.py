@@ -22,9 +22,9 @@ import sys
 import time
 from typing import Any
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock, ClockType
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, Header, String
 from tp_controller.errors import SettingsError, unknown
 from tp_controller.model.mobile_base import BASES
 from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
@@ -39,6 +39,7 @@ from tp_controller.ros.parameters import (
     warn_unknown,
 )
 from tp_controller.ros.runner import ClosableNode, run
+from tp_controller.ros.twist_topic import AnyTwist, TwistSubscription
 
 NAME = f'tp_{WATCHDOG}'
 PARAMETERS = (
@@ -89,15 +90,13 @@ class WatchdogNode(ClosableNode):
             raise SettingsError([unknown('base', values['base'], BASES)])
         self._timeout = values['timeout']
         self._watched = {topic: CommandTimeout(values['timeout']) for topic in (TOPIC, 'cmd_vel')}
-        # {topic: zeros in the size of the last command}
-        self._zeros: dict[str, Float64MultiArray | Twist] = {}
-        self._out = {}
-        for topic, kind, take in ((TOPIC, Float64MultiArray, self._on_command),
-                                  ('cmd_vel', Twist, self._on_base_command)):
-            if kind is Twist and values['base'] == 'fixed':
-                continue
-            self._out[topic] = self.create_publisher(kind, topic, 10)
-            AdaptiveSubscription(self, kind, topic, take)
+        # In the size of the last command.
+        self._joint_zeros = Float64MultiArray()
+        self._out = {TOPIC: self.create_publisher(Float64MultiArray, TOPIC, 10)}
+        AdaptiveSubscription(self, Float64MultiArray, TOPIC, self._on_command)
+        if values['base'] != 'fixed':
+            TwistSubscription(self, 'cmd_vel', self._on_base_command, self._close_base,
+                              self._open_base, WATCHDOG)
         # Their names follow the remapped topics.
         self._pulses = [self.create_publisher(String, publisher.topic_name + HEARTBEAT, 10)
                         for publisher in self._out.values()]
@@ -115,13 +114,30 @@ class WatchdogNode(ClosableNode):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         """Record a command for the joints."""
-        self._zeros[TOPIC] = Float64MultiArray(data=array('d', bytes(8 * len(message.data))))
+        self._joint_zeros = Float64MultiArray(data=array('d', bytes(8 * len(message.data))))
         self._watched[TOPIC].note(any(message.data), time.monotonic())
 
     def _on_base_command(self, message: Twist) -> None:
         """Record a command for the base."""
-        self._zeros['cmd_vel'] = Twist()
         self._watched['cmd_vel'].note(bool(twist_of(message).any()), time.monotonic())
+
+    def _open_base(self, kind: type[AnyTwist]) -> None:
+        """Create the publisher of zeros for the base."""
+        self._out['cmd_vel'] = self.create_publisher(kind, 'cmd_vel', 10)
+
+    def _close_base(self) -> None:
+        """Destroy the publisher of zeros for the base."""
+        if 'cmd_vel' in self._out:
+            self.destroy_publisher(self._out.pop('cmd_vel'))
+
+    def _zeros(self, kind: Any) -> Float64MultiArray | AnyTwist:
+        """Return zeros of the type of a command."""
+        if kind is Float64MultiArray:
+            return self._joint_zeros
+        if kind is Twist:
+            return Twist()
+        # Receivers may ignore old stamps.
+        return TwistStamped(header=Header(stamp=self.get_clock().now().to_msg()))
 
     def _publish_heartbeat(self) -> None:
         """Publish the heartbeat, by which controllers detect this node."""
@@ -133,7 +149,7 @@ class WatchdogNode(ClosableNode):
         for topic, publisher in self._out.items():
             if self._watched[topic].is_due(time.monotonic()):
                 for _ in range(LAST_ZEROS):
-                    publisher.publish(self._zeros[topic])
+                    publisher.publish(self._zeros(publisher.msg_type))
                 self.get_logger().warning(f'no command on {publisher.topic_name} for '
                                           f'{self._timeout:g} s; publishing zeros')
 

@@ -14,7 +14,7 @@
 
 """Deadlines and liveliness: what is promised about commands and requested of joint states."""
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from harness import Arm, COMMANDS, Status
 import pytest
 from rclpy.duration import Duration
@@ -50,8 +50,8 @@ class Receiver:
 
 @pytest.mark.parametrize('kind, topic, parameters', [
     (Float64MultiArray, COMMANDS, {}),
-    (Twist, '/cmd_vel', {'robot': str(PANDA_DH), 'base': 'planar',
-                         'stack': '- rest: {type: posture}'})])
+    (TwistStamped, '/cmd_vel', {'robot': str(PANDA_DH), 'base': 'planar',
+                                'stack': '- rest: {type: posture}'})])
 def test_receivers_get_what_they_request_where_it_is_promised(any_harness, kind, topic,
                                                               parameters):
     promised = Receiver(any_harness, profile(0.5, liveliness=LivelinessPolicy.AUTOMATIC,

@@ -54,6 +54,8 @@ PARAMETERS = (
          'be driven)', fixed=True),
     Spec('command_joints', [''], 'the driven joints in the order of the commands (an empty name: '
          'as `joints`)', fixed=True),
+    Spec('cmd_vel_stamped', True, 'publish cmd_vel of a moving base as TwistStamped, as '
+         'diff_drive_controller requires it since Jazzy; else as Twist', fixed=True),
     Spec('stack', '', 'the tasks, the highest priority first: YAML text, a path, or '
          'package://<package>/<path>'),
     Spec('rate', 100.0, 'cycles per second; 0: one cycle for each complete joint state', 'Hz',

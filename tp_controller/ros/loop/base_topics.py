@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import math
 from typing import Any
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
@@ -160,16 +160,22 @@ class MovingBase:
         Plausibility check of the odometry.
     follow : FollowCheck
         Check that the axes of the base follow their commands.
+    stamped : bool
+        Publish `TwistStamped`, else `Twist`.
 
     """
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
-                 qos: QoSProfile, check: OdometryCheck, follow: FollowCheck) -> None:
+                 qos: QoSProfile, check: OdometryCheck, follow: FollowCheck,
+                 stamped: bool) -> None:
         self._node, self._topic = node, topic
         self._columns = slice(robot.joint_columns.start)
         self._check, self._follow = check, follow
         self._buffer = OdometryBuffer(robot)
-        self._commands = NumbersPublisher(node, Twist(), 6, topic('cmd_vel'), qos)
+        # Its frame is left empty: that of the odometry.
+        self._commands = NumbersPublisher(node, TwistStamped() if stamped else Twist(), 6,
+                                          topic('cmd_vel'), qos,
+                                          node.get_clock() if stamped else None)
         self._odometry: Subscription | None = None
         self._dropped = Dropped()
 
@@ -341,7 +347,8 @@ def make_base(node: Node, topic: Callable[[str], str], robot: Robot, qos: QoSPro
     late = values['state_timeout'] if values['check_stamps'] else math.inf
     follow = FollowCheck(names, np.zeros(len(names), dtype=bool), Following(
         values['follow_window'], distance=max(0.05, FOLLOW_RATIO * tolerance), excess=tolerance))
-    return MovingBase(node, topic, robot, qos, OdometryCheck(robot, late, tolerance), follow)
+    return MovingBase(node, topic, robot, qos, OdometryCheck(robot, late, tolerance), follow,
+                      values['cmd_vel_stamped'])
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:

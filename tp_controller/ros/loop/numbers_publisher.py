@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Publisher of messages that end with numbers, serialized once."""
+"""Publisher of messages of numbers, serialized once."""
 
 from collections import deque
 
 import numpy as np
+from rclpy.clock import Clock
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -26,23 +27,31 @@ from tp_controller.ros import Message
 
 # Largest number of recent messages that are recognized as own: more than may be in transit.
 RECENT_MESSAGES = 50
+# Bytes before the stamp of a serialized message: the identifier of its representation.
+STAMP_OFFSET = 4
+# [ns]
+SECOND = 10**9
 
 
 class NumbersPublisher:
     """
-    Publisher of numbers at the end of an otherwise constant message.
+    Publisher of numbers in an otherwise constant message, which may begin with a stamp.
 
     Parameters
     ----------
     node : rclpy.node.Node
         Node that the publisher belongs to.
     message : Message
-        A message that ends with `count` doubles.
+        A message that ends with `count` doubles, and `after` bytes.
     count : int
         Number of doubles.
     topic : str
         Full name of the topic.
     qos : rclpy.qos.QoSProfile
+    clock : rclpy.clock.Clock, optional
+        Clock of the stamp, for a message that begins with a header.
+    after : int
+        Number of constant bytes behind the numbers.
 
     Attributes
     ----------
@@ -50,21 +59,29 @@ class NumbersPublisher:
         See above.
     kind : type
         Type of the message.
+    type_name : str
+        Its name in ROS.
 
     """
 
     def __init__(self, node: Node, message: Message, count: int, topic: str,
-                 qos: QoSProfile) -> None:
+                 qos: QoSProfile, clock: Clock | None = None, after: int = 0) -> None:
         self._node, self.topic, self.kind, self.count = node, topic, type(message), count
         self._message = bytearray(serialize_message(message))
-        self._view = np.frombuffer(self._message, dtype='<f8',
-                                   offset=len(self._message) - 8 * count)
+        self._view = np.frombuffer(self._message, dtype='<f8', count=count,
+                                   offset=len(self._message) - 8 * count - after)
+        self.type_name = '{}/{}/{}'.format(
+            *self.kind.__module__.split('.')[:2], self.kind.__name__)
+        self._clock = clock
+        self._stamp = np.frombuffer(self._message, dtype='<u4', count=2, offset=STAMP_OFFSET)
         self._publisher = node.create_publisher(self.kind, topic, qos)
         self._recent: deque[bytes] = deque(maxlen=RECENT_MESSAGES)
 
     def publish(self, numbers: Array) -> None:
         """Publish numbers (count,)."""
         self._view[:] = numbers
+        if self._clock is not None:
+            self._stamp[:] = divmod(self._clock.now().nanoseconds, SECOND)
         message = bytes(self._message)
         self._recent.append(message)
         self._publisher.publish(message)

@@ -189,8 +189,10 @@ class Competitors:
     def _count_subscribers(self, publisher: NumbersPublisher) -> tuple[int, int]:
         """Return the numbers of nodes, and of watchdogs, that subscribe to a topic."""
         own = _full_name(self._loop_node)
+        # Subscriptions of another type receive nothing.
         names = {_name(info) for info
-                 in self._node.get_subscriptions_info_by_topic(publisher.topic)} - {own}
+                 in self._node.get_subscriptions_info_by_topic(publisher.topic)
+                 if info.topic_type == publisher.type_name} - {own}
         watchdogs = {name for name in names if name.endswith(WATCHDOG)}
         return len(names - watchdogs), self._count_alive(watchdogs, publisher.topic)
 

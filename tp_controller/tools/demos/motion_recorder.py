@@ -16,7 +16,7 @@
 
 import time
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -68,7 +68,7 @@ class Recorder:
         if robot.moves:
             node.create_subscription(Odometry, '/odom', self._on_odometry,
                                      ConfigurationBuffer.odometry_qos)
-            node.create_subscription(Twist, '/cmd_vel', self._on_base_command, 50)
+            node.create_subscription(TwistStamped, '/cmd_vel', self._on_base_command, 50)
 
     def restart(self, ahead: float = 0.0) -> None:
         """Drop all data; time counts from a moment ahead [s]."""
@@ -99,10 +99,10 @@ class Recorder:
         if not self._robot.moves:
             self._record_command()
 
-    def _on_base_command(self, message: Twist) -> None:
+    def _on_base_command(self, message: TwistStamped) -> None:
         """Record a command of the base."""
         base = slice(0, self._robot.joint_columns.start)
-        self._velocity[base] = base_velocities(self._robot, message)
+        self._velocity[base] = base_velocities(self._robot, message.twist)
         self._record_command()
 
     def _record_command(self) -> None:

@@ -35,7 +35,7 @@ from tp_controller.untrusted.texts import plain
 
 JOINTS_TYPE = 'sensor_msgs/msg/JointState'
 NUMBERS_TYPE = 'std_msgs/msg/Float64MultiArray'
-TWIST_TYPE = 'geometry_msgs/msg/Twist'
+TWIST_TYPE, STAMPED_TWIST_TYPE = 'geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 MARKERS_TYPE = 'visualization_msgs/msg/MarkerArray'
 TEXT_TYPE = 'std_msgs/msg/String'
@@ -198,7 +198,8 @@ class History:
             self.commands[topic].add(time, values)
 
     def _take_twist(self, time: float, topic: str, message: Any) -> None:
-        """Process the velocity of a base."""
+        """Process the velocity of a base, with or without a stamp."""
+        message = getattr(message, 'twist', message)
         linear, angular = message.linear, message.angular
         if topic not in self.twists and len(self.twists) >= MOST_TOPICS_OF_A_KIND:
             return
@@ -235,6 +236,7 @@ class History:
 TAKERS: dict[str, Callable[[History, float, str, Any], None]] = {
     STATUS_TYPE: History._take_status, JOINTS_TYPE: History._take_joints,
     NUMBERS_TYPE: History._take_command, TWIST_TYPE: History._take_twist,
+    STAMPED_TWIST_TYPE: History._take_twist,
     ODOMETRY_TYPE: History._take_odometry, TEXT_TYPE: History._take_text,
     EVENT_TYPE: History._take_event}
 
