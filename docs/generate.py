@@ -121,6 +121,9 @@ SIMULATOR_TOPICS = {
     'cmd_vel': 'velocities of a moving base, which stops in the same way',
     'velocity_controller/commands': 'joint velocities; the robot stops if none was received '
                                     'for `command_timeout`',
+    'position_controller/commands': 'joint positions, which apply until the next command',
+    'joint_trajectory_controller/joint_trajectory': 'the same: the last point, reached at its '
+                                                    '`time_from_start`',
 }
 WATCHDOG_TOPICS = {
     'velocity_controller/commands': 'joint velocities; zeros if none came for `timeout` after '

@@ -17,6 +17,7 @@
 from harness import COMMANDS, JOINTS, LATCHED
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from robots import PANDA_DH, PLANAR_DH
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -24,6 +25,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tp_controller import Robot
 from tp_controller.errors import RobotError, SettingsError
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 
 def states_of(harness):
@@ -54,6 +56,54 @@ def test_joint_states_and_the_latched_description_are_published(any_harness):
     descriptions = any_harness.record(String, '/robot_description', LATCHED)
     any_harness.spin_for_more(descriptions)
     assert Robot.from_urdf(descriptions[0].data).joint_names == JOINTS
+
+
+def point(positions, seconds=0.0, names=JOINTS):
+    """Return a trajectory of one point."""
+    time = Duration(seconds=seconds).to_msg()
+    return JointTrajectory(joint_names=names, points=[
+        JointTrajectoryPoint(positions=positions, time_from_start=time)])
+
+
+@pytest.mark.parametrize('topic, message', [
+    ('position_controller/commands', Float64MultiArray(data=[0.2, 0.1, -0.1])),
+    ('joint_trajectory_controller/joint_trajectory', point([0.2, 0.1, -0.1])),
+    ('joint_trajectory_controller/joint_trajectory',
+     point([-0.1, 0.1, 0.2], 0.05, ['joint3', 'joint2', 'joint1']))])
+def test_positions_are_reached_and_stay(harness, topic, message):
+    harness.simulator(command_timeout=0.01)
+    states, publisher = states_of(harness), harness.publisher(type(message), topic)
+    publisher.publish(message)
+    harness.spin_until(lambda: states and np.allclose(states[-1].position, [0.2, 0.1, -0.1]))
+    harness.spin_for_more(states, 10)
+    np.testing.assert_allclose(states[-1].position, [0.2, 0.1, -0.1])
+
+
+def test_a_trajectory_of_some_joints_leaves_the_others_where_they_are(harness):
+    harness.simulator()
+    states = states_of(harness)
+    topic = 'joint_trajectory_controller/joint_trajectory'
+    harness.publisher(JointTrajectory, topic).publish(point([0.3], names=['joint2']))
+    harness.spin_until(lambda: states and np.allclose(states[-1].position, [0.0, 0.3, 0.0]))
+
+
+@pytest.mark.parametrize('topic, message, fault', [
+    ('position_controller/commands', Float64MultiArray(data=[0.2]), '1 positions for 3 joints'),
+    ('position_controller/commands', Float64MultiArray(data=[0.2, np.nan, 0.0]),
+     'a position is not a finite number'),
+    ('joint_trajectory_controller/joint_trajectory', point([0.1], names=['wrist']),
+     "of unknown joints: ['wrist']"),
+    ('joint_trajectory_controller/joint_trajectory', JointTrajectory(joint_names=JOINTS),
+     'a trajectory without points'),
+    ('joint_trajectory_controller/joint_trajectory', point([0.1]), '1 positions for 3 joints')])
+def test_wrong_positions_are_ignored(harness, log, topic, message, fault):
+    harness.simulator()
+    states = states_of(harness)
+    harness.publisher(type(message), topic).publish(message)
+    harness.spin_until_logged(log, f'command ignored: {fault}' if 'unknown' not in fault
+                              else fault)
+    harness.spin_for_more(states, 2)
+    assert not any(states[-1].position)
 
 
 def test_a_robot_without_initial_positions_starts_away_from_its_limits(harness):

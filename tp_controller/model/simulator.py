@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kinematic simulator: velocity commands in, configurations out, with imperfections."""
+"""Kinematic simulator: commands in, configurations out, with imperfections."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -79,11 +79,11 @@ class SimulatorNoise:
 
 class KinematicSimulator:
     """
-    Simulated robot that integrates velocity commands within its limits.
+    Simulated robot that integrates velocity commands, or follows positions, within its limits.
 
     Commands are clipped at the velocity limits, positions stop at the position limits, and the
-    robot stops by itself if no command took effect for `timeout` seconds. A base moves along the
-    arc of a constant twist in its own axes.
+    robot stops by itself if no velocity took effect for `timeout` seconds; it holds positions. A
+    base moves along the arc of a constant twist in its own axes.
 
     Parameters
     ----------
@@ -129,7 +129,10 @@ class KinematicSimulator:
         self._target = np.zeros(self.robot.n)
         # When the present command of each joint times out; infinite without one.
         self._expiry = np.full(self.robot.n, math.inf)
-        self._queue: deque[tuple[float, slice, Array]] = deque()
+        self._queue: deque[tuple[float, slice, Array, float | None]] = deque()
+        # Joints that follow positions: along a line from `_origin` at `_began` to `_target`.
+        self._follows = np.zeros(self.robot.n, dtype=bool)
+        self._origin, self._began, self._duration = np.zeros(self.robot.n), 0.0, 0.0
 
     def command(self, velocity: ArrayLike, columns: slice = slice(None)) -> bool:
         """
@@ -155,15 +158,45 @@ class KinematicSimulator:
             The shape is wrong.
 
         """
-        target = np.array(velocity, dtype=float)
+        limit = self.robot.velocity
+        return self._accept(velocity, 'velocities', columns, -limit, limit, None)
+
+    def command_positions(self, positions: ArrayLike, duration: float = 0.0) -> bool:
+        """
+        Accept positions of the joints at the current time; they apply until the next command.
+
+        Parameters
+        ----------
+        positions : array_like (n,)
+            [rad or m]; those of the base are ignored.
+        duration : float
+            Time in which the drives move their setpoint there, along a line [s].
+
+        Returns
+        -------
+        bool
+            See `command`.
+
+        Raises
+        ------
+        RobotError
+            The shape is wrong.
+
+        """
+        return self._accept(positions, 'positions', self.robot.joint_columns, self.robot.lower,
+                            self.robot.upper, max(duration, 0.0))
+
+    def _accept(self, values: ArrayLike, what: str, columns: slice, lower: Array, upper: Array,
+                duration: float | None) -> bool:
+        """Queue a command within limits (n,); return False if it was lost or is not finite."""
+        target = np.array(values, dtype=float)
         if target.shape != (self.robot.n,):
-            raise RobotError(f'a command needs {self.robot.n} velocities, '
+            raise RobotError(f'a command needs {self.robot.n} {what}, '
                              f'got an array of shape {target.shape}')
         if self._lost() or not np.isfinite(target[columns]).all():
             return False
-        limit = self.robot.velocity
-        clipped = np.minimum(np.maximum(target, -limit), limit)
-        self._queue.append((self.now + self.noise.delay, columns, clipped))
+        clipped = np.minimum(np.maximum(target, lower), upper)
+        self._queue.append((self.now + self.noise.delay, columns, clipped, duration))
         return True
 
     def step(self, dt: float) -> None:
@@ -175,9 +208,14 @@ class KinematicSimulator:
         end = self.now + dt
         while self.now < end:
             while self._queue and self._queue[0][0] <= self.now:
-                _, columns, target = self._queue.popleft()
+                _, columns, target, duration = self._queue.popleft()
                 self._target[columns] = target[columns]
-                self._expiry[columns] = self.now + self.timeout
+                self._follows[columns] = duration is not None
+                self._expiry[columns] = math.inf if duration is not None \
+                    else self.now + self.timeout
+                if duration is not None:
+                    self._origin = self.robot.positions(self.q).copy()
+                    self._began, self._duration = self.now, duration
             until = float(self._expiry.min(initial=end))
             if until <= self.now:
                 expired = self._expiry <= self.now
@@ -224,6 +262,9 @@ class KinematicSimulator:
         else:
             mean = self.velocity = self._target.copy()
         robot = self.robot
+        if self._follows.any() and dt > 0.0:
+            mean = np.where(self._follows, self._following(dt), mean)
+            self.velocity = np.where(self._follows, mean, self.velocity)
         moved = robot.integrate(self.q, mean, dt)
         before, after = robot.positions(self.q), robot.positions(moved)
         if ((robot.lower <= after) & (after <= robot.upper)).all():
@@ -235,6 +276,16 @@ class KinematicSimulator:
         self.q = moved.copy()
         self.q[robot.joint_rows] = np.clip(after, lower, upper)[robot.joint_columns]
         self.velocity = np.where(stopped, 0.0, self.velocity)
+
+    def _following(self, dt: float) -> Array:
+        """Return the mean velocities (n,) over `dt` seconds of joints that follow positions."""
+        passed = self.now + dt - self._began
+        share = min(passed / self._duration, 1.0) if self._duration > 0.0 else 1.0
+        setpoint = self._origin + share * (self._target - self._origin)
+        lag, limit = self.noise.lag, self.robot.velocity
+        reached = 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
+        velocity = (setpoint - self.robot.positions(self.q)) * (reached / dt)
+        return np.minimum(np.maximum(velocity, -limit), limit)
 
 
 def start_configuration(robot: Robot) -> Array:

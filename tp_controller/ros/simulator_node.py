@@ -50,6 +50,7 @@ from tp_controller.ros.parameters import (
 )
 from tp_controller.ros.runner import ClosableNode, run
 from tp_controller.ros.twist_topic import TwistSubscription
+from trajectory_msgs.msg import JointTrajectory
 
 NAME = 'tp_simulator'
 # Delay of the simulation beyond which it stops catching up [s].
@@ -126,6 +127,10 @@ class SimulatorNode(ClosableNode):
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
         AdaptiveSubscription(self, Float64MultiArray, 'velocity_controller/commands',
                              self._on_command)
+        AdaptiveSubscription(self, Float64MultiArray, 'position_controller/commands',
+                             self._on_positions)
+        AdaptiveSubscription(self, JointTrajectory, 'joint_trajectory_controller/joint_trajectory',
+                             self._on_trajectory)
         self._odometry_publisher = None
         if self._robot.moves:
             self._odometry = Odometry(child_frame_id=self._robot.base_frame)
@@ -141,12 +146,42 @@ class SimulatorNode(ClosableNode):
     def _on_command(self, message: Float64MultiArray) -> None:
         """Apply a command to the joints."""
         if len(message.data) != len(self._commanded):
-            self.get_logger().error(
-                f'command ignored: {len(message.data)} velocities for '
-                f'{len(self._commanded)} joints', throttle_duration_sec=1.0)
+            self._refuse(f'{len(message.data)} velocities for {len(self._commanded)} joints')
             return
         self._velocity[self._commanded] = message.data
         self._apply(self._robot.joint_columns, 'command')
+
+    def _on_positions(self, message: Float64MultiArray) -> None:
+        """Apply positions of the joints."""
+        self._follow(self._commanded, message.data, 0.0)
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        """Apply the last point of a trajectory, in joints of any order."""
+        unknown = set(message.joint_names) - set(self._robot.joint_names)
+        if unknown or not message.points:
+            self._refuse(f'a trajectory without points, or of unknown joints: {sorted(unknown)}')
+            return
+        point = message.points[-1]
+        self._follow([self._robot.joint_index(name) for name in message.joint_names],
+                     point.positions, point.time_from_start.sec
+                     + 1e-9 * point.time_from_start.nanosec)
+
+    def _follow(self, joints: Sequence[int] | np.ndarray, positions: Sequence[float],
+                duration: float) -> None:
+        """Pass the positions of some joints to the simulator; others hold theirs."""
+        if len(positions) != len(joints):
+            self._refuse(f'{len(positions)} positions for {len(joints)} joints')
+            return
+        target = self._robot.positions(self._simulator.q).copy()
+        target[joints] = positions
+        if not np.isfinite(target).all():
+            self._refuse('a position is not a finite number')
+            return
+        self._simulator.command_positions(target, duration)
+
+    def _refuse(self, fault: str) -> None:
+        """Log the fault of an ignored command."""
+        self.get_logger().error(f'command ignored: {fault}', throttle_duration_sec=1.0)
 
     def _on_base_command(self, message: Twist) -> None:
         """Apply a command to the base; ignore components that it cannot move in."""

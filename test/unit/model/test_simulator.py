@@ -37,6 +37,66 @@ def simulator(robot=None, q=None, timeout=1.0, **noise):
     return KinematicSimulator(robot, q, timeout, SimulatorNoise(**noise))
 
 
+# Positions
+
+def test_positions_are_followed_along_a_line_and_for_ever():
+    sim = simulator(timeout=0.1)
+    aim = START + [0.1, -0.05, 0.02]
+    assert sim.command_positions(aim, 0.5)
+    sim.step(0.25)
+    np.testing.assert_allclose(sim.q, 0.5 * (START + aim), atol=1e-12)
+    np.testing.assert_allclose(sim.velocity, (aim - START) / 0.5, atol=1e-12)
+    for _ in range(10):
+        sim.step(0.25)
+    np.testing.assert_allclose(sim.q, aim, atol=1e-12)
+    assert not sim.velocity.any()
+
+
+def test_positions_are_reached_no_faster_than_the_velocity_limits_allow():
+    sim = simulator()
+    limit = sim.robot.velocity
+    sim.command_positions(START + 10.0 * limit)
+    sim.step(0.01)
+    np.testing.assert_allclose(sim.q, START + 0.01 * limit, atol=1e-12)
+    # The drives stop at the end of the range.
+    for _ in range(1000):
+        sim.step(0.1)
+    np.testing.assert_allclose(sim.q, np.minimum(START + 10.0 * limit, sim.robot.upper))
+
+
+def test_drives_with_a_lag_approach_positions_exponentially():
+    sim = simulator(lag=0.1)
+    sim.command_positions(START + 0.01)
+    sim.step(0.05)
+    np.testing.assert_allclose(sim.q, START + 0.01 * (1.0 - math.exp(-0.5)), atol=1e-12)
+
+
+def test_a_velocity_replaces_positions_and_the_other_way_round():
+    sim = simulator(timeout=0.1)
+    sim.command_positions(START + 0.01)
+    sim.step(0.05)
+    sim.command(V)
+    sim.step(0.2)
+    np.testing.assert_allclose(sim.q, START + 0.01 + 0.1 * V, atol=1e-12)
+    sim.command_positions(START)
+    for _ in range(100):
+        sim.step(0.05)
+    np.testing.assert_allclose(sim.q, START, atol=1e-12)
+    sim.command_positions(START + 0.1, 1.0)
+    sim.reset()
+    sim.step(1.0)
+    np.testing.assert_array_equal(sim.q, START)
+
+
+def test_positions_that_are_not_finite_or_too_few_are_not_taken():
+    sim = simulator()
+    assert not sim.command_positions([0.0, math.nan, 0.0])
+    with pytest.raises(RobotError, match='3 positions, got an array of shape'):
+        sim.command_positions([0.0])
+    sim.step(0.1)
+    np.testing.assert_array_equal(sim.q, START)
+
+
 # Motion
 
 def test_positions_are_the_integral_of_the_commands():
