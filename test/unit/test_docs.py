@@ -611,13 +611,23 @@ def test_ros2_lifecycle_names_transitions(words):
     assert words[4] in ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
 
 
+@pytest.mark.parametrize('words', commands_of('ros2', 'action'))
+def test_ros2_action_sends_goals_to_actions_of_drivers(words):
+    verb, name, kind, goal = words[2:]
+    package, part, _ = kind.split('/')
+    assert (verb, part) == ('send_goal', 'action')
+    assert name.startswith('/')
+    assert not package.startswith('tp_')
+    assert isinstance(yaml.safe_load(goal), dict)
+
+
 def test_ros2_commands_are_all_looked_at():
     verbs = {tuple(words[1:3]) for _, words in commands() if words[0] == 'ros2'}
     verbs = {verb if verb[0] in ('topic', 'service', 'param') else verb[:1] for verb in verbs}
     assert verbs <= {('run',), ('launch',), ('topic', 'pub'), ('topic', 'echo'), ('topic', 'info'),
                      ('service', 'call'), ('param', 'set'), ('param', 'describe'),
                      ('param', 'list'), ('param', 'dump'), ('param', 'load'), ('control',),
-                     ('lifecycle',), ('security',), ('bag',)}
+                     ('action',), ('lifecycle',), ('security',), ('bag',)}
 
 
 # Links and layout -------------------------------------------------------------------------
