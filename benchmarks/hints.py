@@ -24,7 +24,7 @@ without that is the comparison. Both go on for `LATER` seconds.
 *Arrive* are the tasks that reach their goals without that. Of the others, *helped* are those that
 then arrive, or whose error is at least a fifth smaller. *Worse* are those whose error is larger by
 a fifth, and those in which this is so of a task above that the hint does not name. `wait` changes
-nothing: it helps if the task arrives.
+nothing: it helps if the task arrives within `LATER` or half as long again as it says.
 """
 
 import argparse
@@ -46,6 +46,7 @@ ROBOTS = 'Panda', 'UR5', 'xArm 7', 'Baxter'
 PERIOD, ACCELERATIONS = 0.01, (None, 8.0)
 # Moment at which a hint is followed, and time that both runs go on [s].
 MOMENTS, LATER = (0.3, 4.0), 10.0
+PATIENCE = 1.5
 RAISED, LOWERED = 3.0, 0.1
 HELPED = 0.8
 # Errors below this are none [m or rad].
@@ -67,6 +68,7 @@ class Scene:
     start: np.ndarray
     limits: dict[str, float]
     moment: float
+    later: float = LATER
 
     @property
     def names(self) -> list[str]:
@@ -81,7 +83,9 @@ class Scene:
         controller.update(q, 0.0)
         for name, goal in self.goals.items():
             controller.set_goal(name, goal, 0.0)
-        for cycle in range(1, int((self.moment + LATER) / PERIOD)):
+        cycle = 0
+        while cycle * PERIOD < self.moment + self.later:
+            cycle += 1
             now = cycle * PERIOD
             if follow and now >= self.moment:
                 follow(controller)
@@ -139,14 +143,16 @@ class Follower:
         self._scene = scene
         self._patterns = (
             (r'exchange (\S+) and (\S+) in', self._exchange),
-            (r'^put (\S+) above (.+)', self._put_above),
+            (r'put (\S+) above (.+?)(?: until all|$)', self._put_above),
             (r'raise the velocity limits? of (.+)', self._raise_limits),
             (r'lower the setting (\S+)', self._lower),
+            (r'set scaling to (\S+)', self._scale),
             (r'a gain of at most (\S+)/s', self._lower_gains))
 
     def of(self, hint: str) -> Change | None:
         """Return a function that follows all parts of a hint; None if no program can."""
-        parts = [self._of_part(part) for part in hint.split(', and ')]
+        parts = [self._of_part(part)
+                 for part in re.sub(r'^wait .*?, or ', '', hint).split(', and ')]
         return None if None in parts else lambda controller: [part(controller) for part in parts]
 
     def _of_part(self, hint: str) -> Change | None:
@@ -190,6 +196,13 @@ class Follower:
         return change
 
     @staticmethod
+    def _scale(scaling: str) -> Change:
+        """Return a function that changes the scaling."""
+        def change(controller: Controller) -> None:
+            controller.settings = replace(controller.settings, scaling=scaling)
+        return change
+
+    @staticmethod
     def _lower_gains(gain: str) -> Change:
         """Return a function that lowers all gains that are higher."""
         def change(controller: Controller) -> None:
@@ -206,7 +219,7 @@ def listed(names: str) -> list[str]:
 
 def kind_of(hint: str) -> str:
     """Return the kind of a hint: its text without names and numbers."""
-    hint = re.sub(r'(exchange|limits? of|above|goals of) .*?( in the stack| that are|$)',
+    hint = re.sub(r'(exchange|limits? of|above|goals of) .*?( in the| that are| until all|$)',
                   r'\1 …\2', hint)
     return re.sub(r'[\d.]+', '…', hint)[:60]
 
@@ -232,6 +245,8 @@ def compare(scene: Scene, random: np.random.Generator
                 return None
             task = drawn[random.integers(len(drawn))]
             hint, name = task.hint, task.name
+            if wait := re.fullmatch(r'wait (\S+) s( until it arrives)?', hint):
+                scene.later = max(LATER, PATIENCE * float(wait[1]))
             follow = Follower(scene).of(hint)
             if follow is None:
                 return kind_of(hint), None

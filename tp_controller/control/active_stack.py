@@ -19,9 +19,8 @@ import math
 from typing import Any
 
 import numpy as np
-from tp_controller.control.changes import Changes
+from tp_controller.control.changes import Changes, NO_TRAJECTORIES
 from tp_controller.control.lead import Lead
-from tp_controller.control.report import NO_TRAJECTORIES
 from tp_controller.errors import EvaluationError, GoalError, unknown
 from tp_controller.model.state import RobotState
 from tp_controller.references.reference import Reference

@@ -27,12 +27,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
-from tp_controller.control.error_minimum import (
-    is_at_minimum,
-    is_reached_after,
-    Place,
-    SIGNIFICANT_SHARE,
-)
+from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
 from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.variants import ActiveLimits, Removable, Variants
 from tp_controller.control.velocity_limits import RESERVE, SAME_VELOCITY, VelocityBounds
@@ -152,10 +147,6 @@ class Causes:
                 and norm(level.J.dot(self._outcome.velocity)) <= SIGNIFICANT_SHARE * norm(level.v)
                 and is_at_minimum(evaluation, self._robot, self._place))
         return self._out_of_reach[name]
-
-    def is_reached_after(self, name: str, motion: Array) -> bool:
-        """Return whether a task by name would be at its goal after a motion (n,)."""
-        return is_reached_after(self.variants.evaluation(name), motion, self._robot, self._place)
 
     def shares_level(self, evaluation: Evaluation, name: str) -> bool:
         """Return whether a task is on the same level as another one."""
@@ -277,24 +268,10 @@ class Causes:
                               self._outcome.velocity, self.variants.lasting.velocity))
         return later and not now
 
-    def time_to_position_limit(self, name: str) -> float:
-        """Return the time for which a joint can move as in the cycle that lasts [s]."""
-        robot, joint = self._robot, self._robot.velocity_names.index(name)
-        speed = float(self.variants.lasting.velocity[joint])
-        position = float(robot.positions(self._place.q)[joint])
-        distance = float((robot.upper if speed > 0.0 else robot.lower)[joint]) - position
-        return distance / speed if speed else math.inf
-
     @property
     def slows_all(self) -> bool:
         """Return whether joints at their limits scale the whole command."""
         return self.variants.lasting.slowed < 1.0
-
-    @property
-    def acceleration_time(self) -> float:
-        """Return the time until the joints have accelerated, at least [s]."""
-        bounds = self._cycle.bounds
-        return bounds.time_to(self._outcome.velocity, self.variants.lasting.velocity)
 
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
         """Return the limits of a joint that are active in a level of the cycle; mostly one."""

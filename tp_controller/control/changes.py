@@ -14,12 +14,15 @@
 
 """Changes of the stack, goals and settings between two cycles."""
 
+from collections.abc import Mapping
 import math
 
 from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.control.step import Commanded
 from tp_controller.tasks.stack import Groups, shared_levels
 from tp_controller.tasks.task import Task
+
+NO_TRAJECTORIES: Mapping[str, float] = {}
 
 
 class Changes:

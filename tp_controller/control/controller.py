@@ -335,8 +335,8 @@ class Controller(TrajectoryInputs):
             # Name the task with faulty levels, if it is a single one.
             stack.check(evaluations, self.robot.n)
             raise
-        return Solved(evaluations, cycle, outcome, memory,
-                      Place(state.q, self._states.passive, now, self._states.spare))
+        place = Place(state.q, self._states.passive, now, self._states.spare)
+        return Solved(evaluations, cycle, outcome, memory, place, self._options)
 
     @property
     def _memory(self) -> CycleMemory:

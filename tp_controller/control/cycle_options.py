@@ -45,6 +45,8 @@ class CycleOptions:
 
     Attributes
     ----------
+    settings, velocity, make_solver
+        As given.
     n : int
         Number of joints.
     period, blend : float
@@ -59,6 +61,7 @@ class CycleOptions:
     def __init__(self, robot: Robot, settings: Settings, velocity: Array,
                  make_solver: SolverFactory = Settings.solver) -> None:
         self.n = robot.n
+        self.settings, self.velocity, self.make_solver = settings, velocity, make_solver
         self.period, self.blend = settings.period, settings.blend
         self.delay = settings.command_delay
         self.solver = make_solver(settings, robot.n)

@@ -155,6 +155,11 @@ class CycleRecord:
         return Place(self._positions if q is None else q, passive, now, spare)
 
     @property
+    def options(self) -> CycleOptions:
+        """Return the options in force."""
+        return self.layout.options
+
+    @property
     def tasks(self) -> Groups:
         """Return the enabled tasks, level by level."""
         return self.layout.active

@@ -62,33 +62,6 @@ def is_at_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
         return False
 
 
-def is_reached_after(evaluation: Evaluation, motion: Array, robot: Robot, place: Place) -> bool:
-    """
-    Return whether a task with a demand is at its goal after a motion; False if it fails.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Present evaluation of the task.
-    motion : ndarray (n,)
-        Change of the positions [rad or m].
-    robot : Robot
-        Robot of the task.
-    place : Place
-        Present configuration.
-
-    """
-    task, (q, passive, now, state) = evaluation.task.probe(), place
-    try:
-        with foreign:
-            state.update(robot.integrate(q, motion, 1.0), passive)
-            there = task.evaluate(state, now)
-            errors = task.reported_errors(there.error, there.level.v)
-            return all(value <= tolerance for value, _, tolerance in errors)
-    except Exception:
-        return False
-
-
 def _is_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
     """
     Return whether the error of a task is at a minimum.

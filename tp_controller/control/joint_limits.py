@@ -202,7 +202,7 @@ class UpperPositionLimit(PositionLimit):
 
     name, key, sign = 'upper position limit', 'upper', 1.0
     sentence = '{} at its upper position limit'
-    hint = ('choose a goal, or an arm posture, farther from the upper position limit{s} of '
+    hint = ('choose a goal farther from the upper position limit{s} of '
             '{name}')
 
     def distance(self, positions: Array) -> Array:
@@ -219,7 +219,7 @@ class LowerPositionLimit(PositionLimit):
 
     name, key, sign = 'lower position limit', 'lower', -1.0
     sentence = '{} at its lower position limit'
-    hint = ('choose a goal, or an arm posture, farther from the lower position limit{s} of '
+    hint = ('choose a goal farther from the lower position limit{s} of '
             '{name}')
 
     def distance(self, positions: Array) -> Array:

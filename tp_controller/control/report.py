@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import count
 
+from tp_controller.control.changes import NO_TRAJECTORIES
 from tp_controller.control.reasons import phrase
 from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.control.task_report import ReportedCycle, TaskReport
@@ -25,8 +26,6 @@ from tp_controller.model.robot import Robot
 from tp_controller.solver.solution import Solution
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Evaluation, Task
-
-NO_TRAJECTORIES: Mapping[str, float] = {}
 
 
 class Report:

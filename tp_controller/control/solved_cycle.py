@@ -19,6 +19,7 @@ from typing import NamedTuple, Protocol
 
 from tp_controller.control.causes import CombinedCauses, FoundCauses
 from tp_controller.control.cycle import Cycle, Outcome
+from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.step import CycleMemory
 from tp_controller.model.spatial import Array
@@ -61,6 +62,10 @@ class SolvedCycle(Protocol):
     def place(self) -> Place:
         """Return the configuration."""
 
+    @property
+    def options(self) -> CycleOptions:
+        """Return the options in force."""
+
     def causes(self, least: Array) -> FoundCauses | None:
         """Return the causes that limit each task; None if they are not found by the core."""
 
@@ -76,6 +81,7 @@ class Solved(NamedTuple):
     outcome: Outcome
     memory: CycleMemory
     place: Place
+    options: CycleOptions
 
     @property
     def tasks(self) -> Groups:

@@ -14,10 +14,9 @@
 
 """Report of a task in a cycle: its error, and the causes that limit it."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 import math
-from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
@@ -28,10 +27,10 @@ from tp_controller.control.causes import (
     DEMAND_ROUNDING,
     FoundCauses,
     KINDS,
-    residual_of,
     TASK,
 )
 from tp_controller.control.hints import hint_of
+from tp_controller.control.measures import MeasuredCycle, Measures, measures_of, NOTHING
 from tp_controller.control.reasons import (
     CHOOSE_ANOTHER,
     OUT_OF_REACH,
@@ -39,23 +38,12 @@ from tp_controller.control.reasons import (
     statements,
     suffices,
 )
+from tp_controller.control.roll_out import RollOuts
 from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.task import Evaluation, norm, Task
-from tp_controller.tasks.task_errors import out_of_reach, raised
-from tp_controller.untrusted.calls import foreign
-
-# Residual for tasks that do not report it.
-NOTHING = np.zeros(0)
-
-
-class Measures(NamedTuple):
-    """Measures of a task in a cycle; see `TaskReport`."""
-
-    errors: tuple[tuple[float, str, float], ...]
-    reached: bool
-    fault: str
+from tp_controller.tasks.task_errors import out_of_reach
 
 
 class TaskReport:
@@ -105,7 +93,7 @@ class TaskReport:
         if self._cycle is not None:
             return self._cycle.measures(self._index)
         unknown = np.full(self._task.rows, np.nan)
-        return _measures(self._task, lambda: (unknown, unknown), self._known_fault)
+        return measures_of(self._task, lambda: (unknown, unknown), self._known_fault)
 
     @property
     def errors(self) -> tuple[tuple[float, str, float], ...]:
@@ -211,7 +199,8 @@ class TaskReport:
             return ''
         if self._unreachable:
             return CHOOSE_ANOTHER
-        return hint_of(self._evaluation, self.causes, self._combined, self._cycle.search)
+        return hint_of(self._evaluation, self.causes, self._combined, self._cycle.search,
+                       self._cycle.roll_outs)
 
     @property
     def status(self) -> str:
@@ -232,7 +221,7 @@ class TaskReport:
         return 'limited' if self.reason else 'moving'
 
 
-class ReportedCycle:
+class ReportedCycle(MeasuredCycle):
     """
     Cycle of the tasks that are carried out, as they report it; computed on access.
 
@@ -244,34 +233,19 @@ class ReportedCycle:
     """
 
     def __init__(self, robot: Robot, solved: SolvedCycle) -> None:
-        self._robot, self._solved = robot, solved
-        self._tasks = [task for group in solved.tasks for task in group]
-        self._measured: dict[int, Measures] = {}
-
-    @cached_property
-    def evaluations(self) -> list[Evaluation]:
-        """Return the evaluation of each task."""
-        return [each for group in self._solved.evaluations for each in group]
-
-    def measures(self, index: int) -> Measures:
-        """Return the measures of the task at an index."""
-        if index not in self._measured:
-            task, error = self._tasks[index], self._solved.errors[index]
-            self._measured[index] = _measures(task, lambda: (
-                error, NOTHING if _reports_its_error(task) else self.speeds(index)[1]))
-        return self._measured[index]
-
-    def speeds(self, index: int) -> tuple[Array, Array]:
-        """Return the achieved velocity of the task at an index, and its residual."""
-        level, velocity = self.evaluations[index].level, self._solved.velocity
-        scale = self._tasks[index].row_scale
-        return level.J.dot(velocity) / scale, residual_of(level, velocity) / scale
+        super().__init__(solved)
+        self._robot = robot
 
     @cached_property
     def search(self) -> Causes:
         """Return the search for causes that limit tasks."""
         solved = self._solved
         return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+
+    @cached_property
+    def roll_outs(self) -> RollOuts:
+        """Return the roll-outs from the cycle."""
+        return RollOuts(self._robot, self._solved)
 
     def causes(self, index: int) -> tuple[Cause, ...]:
         """Return the causes that limit the task at an index, the largest share first."""
@@ -300,28 +274,3 @@ class ReportedCycle:
             return ''
         return self._tasks[place].name if kind in (TASK, BOUNDS) \
             else self._robot.velocity_names[place]
-
-
-def _measures(task: Task, inputs: Callable[[], tuple[Array, Array]], fault: str = '') -> Measures:
-    """Return the measures of a task with the inputs of `reported_errors`."""
-    try:
-        with foreign:
-            errors = _as_numbers(task.reported_errors(*inputs()))
-    except Exception as error:
-        # A task type of another package failed in its report; the task still runs.
-        return Measures(
-            tuple((math.nan, unit, tolerance) for _, unit, tolerance in task.groups),
-            False, fault or raised(task.reported_errors, error))
-    return Measures(errors, all(value <= tolerance for value, _, tolerance in errors), fault)
-
-
-def _reports_its_error(task: Task) -> bool:
-    """Return whether a task reports its error alone, as most types do."""
-    return type(task).reported_errors is Task.reported_errors \
-        and 'reported_errors' not in task.__dict__
-
-
-def _as_numbers(errors: Iterable[tuple[float, str, float]]
-                ) -> tuple[tuple[float, str, float], ...]:
-    """Return errors as numbers; raise if they are not."""
-    return tuple([(float(value), unit, float(tolerance)) for value, unit, tolerance in errors])

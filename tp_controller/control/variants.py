@@ -23,7 +23,6 @@ from tp_controller.control.cycle import Cycle
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Bounds, Memory, Solution
-from tp_controller.solver.solve import PrioritySolver
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
 
@@ -77,11 +76,6 @@ class Variants:
         """Return the index of the level of a task."""
         return self._level_indices[id(evaluation)]
 
-    def evaluation(self, name: str) -> Evaluation:
-        """Return the evaluation of a task by name."""
-        return next(each for group in self._evaluations for each in group
-                    if each.task.name == name)
-
     @property
     def lasting(self) -> Solution:
         """Return the solution of the cycle that lasts."""
@@ -114,18 +108,6 @@ class Variants:
         """Return the velocities (n,) without damping."""
         return self._velocity(self.cycle._replace(solver=self.cycle.solver.undamped))
 
-    @cached_property
-    def redistributed(self) -> Array | None:
-        """Return the velocities (n,) with scaling `redistribute`; None if that is not possible."""
-        solver, levels = self.cycle.solver, self.cycle.levels
-        # Below a level with bounds, mode `scale` is refused.
-        refused = any(level.v is None for level in levels) and any(
-            level.mode == 'scale' for level in levels)
-        if refused or not isinstance(solver, PrioritySolver):
-            return None
-        return self._velocity(self.cycle._replace(
-            solver=replace(solver, scaling='redistribute')))
-
     def without(self, removed: Sequence[Removable]) -> Array:
         """Return the velocities (n,) without some tasks and limits."""
         key = tuple([each.task.name if isinstance(each, Evaluation) else each for each in removed])
@@ -151,16 +133,6 @@ class Variants:
         groups = [[other if each is evaluation else each for each in group]
                   for group in self._evaluations]
         return self._velocity(self.cycle._replace(levels=levels_of(groups)))
-
-    def exchanged(self, one: Evaluation, other: Evaluation) -> Array | None:
-        """Return the velocities (n,) with two tasks exchanged; None if they do not fit there."""
-        if one.task.bounded != other.task.bounded:
-            return None
-        others = {id(one): other, id(other): one}
-        groups = [[others.get(id(each), each) for each in group] for group in self._evaluations]
-        kept, (i, j) = list(range(len(groups))), (self.level_index(one), self.level_index(other))
-        kept[i], kept[j] = j, i
-        return self._velocity(self.cycle._replace(levels=levels_of(groups)), kept)
 
     @cached_property
     def _lasting(self) -> tuple[Solution, Memory]:

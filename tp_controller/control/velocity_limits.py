@@ -84,15 +84,6 @@ class VelocityBounds(Bounds):
         """Return the velocities (n,) of the last command."""
         return self._motion.velocity
 
-    def time_to(self, velocity: Array, target: Array) -> float:
-        """Return the time [s] in which transient limits allow a change between velocities (n,)."""
-        found = 0.0
-        for limit, (least, most) in self._intervals.items():
-            if limit.transient:
-                cycles = np.abs(target - velocity) / (0.5 * (most - least))
-                found = max(found, float(cycles.max(initial=0.0)) * self._motion.elapsed)
-        return found
-
     @property
     def stopping(self) -> tuple[Array, Array]:
         """Return the speeds (n,) from which joints can stop before upper and lower limits."""

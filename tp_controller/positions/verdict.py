@@ -23,6 +23,7 @@ import numpy as np
 from tp_controller.control.causes import Cause, Causes, CURVED, DAMPING, TASK
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.error_minimum import Place
+from tp_controller.control.roll_out import RollOuts
 from tp_controller.control.settings import Settings
 from tp_controller.control.solved_cycle import Solved
 from tp_controller.control.step import CycleMemory, Problem, step
@@ -71,6 +72,14 @@ class RestingCycle(ReportedCycle):
             if self._unmet_above(index) is not None and not found.is_limited(each))
         return found
 
+    @cached_property
+    def roll_outs(self) -> RollOuts:
+        """Return the roll-outs from the cycle, of tasks with a usual gain."""
+        found = super().roll_outs
+        found.setup = found.setup._replace(groups=tuple([
+            tuple([task.at_positions() for task in group]) for group in found.setup.groups]))
+        return found
+
     def causes(self, index: int) -> tuple[Cause, ...]:
         """Return the causes that limit the task at an index, the largest share first."""
         above = self._unmet_above(index)
@@ -115,7 +124,7 @@ def reports_at(robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array, 
     cycle = RestingCycle(free, Solved(evaluations, *step(
         Problem(options, levels_of(evaluations), state.positions, 0.0),
         CycleMemory.at_rest(robot.n).fit(options)),
-        Place(q, passive, 0.0, robot.state(q, passive))))
+        Place(q, passive, 0.0, robot.state(q, passive)), options))
     index = count()
     return tuple([TaskReport(task, level, '', cycle, next(index))
                   for level, group in enumerate(tasks.active, 1) for task in group])

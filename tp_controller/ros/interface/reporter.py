@@ -27,6 +27,7 @@ from tp_controller.control.task_report import TaskReport
 from tp_controller.errors import RobotError
 from tp_controller.ros.interface.interactive_goals import InteractiveGoals
 from tp_controller.ros.interface.markers import Markers
+from tp_controller.ros.interface.recent_hints import RecentHints
 from tp_controller.ros.interface.status import diagnostics, task_reports
 from tp_controller.ros.interface.task_numbers import TaskNumbers
 from tp_controller.ros.interface.task_topics import GoalRecord, TaskTopics
@@ -81,6 +82,7 @@ class Reporter:
         self._sketcher: Sketcher | None = None
         # {task: reason for which it cannot be drawn}, of those in the log.
         self._faults: dict[str, str] = {}
+        self._hints = RecentHints()
         self._goals = InteractiveGoals(node, log.warning)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((1.0 / rate, self._on_status), (LOG_DELAY, self._on_flush),
@@ -98,6 +100,7 @@ class Reporter:
     def follow_stack(self) -> None:
         """Update the tasks to those of another stack."""
         self._faults = {}
+        self._hints.forget()
         if self._controller is not None:
             self._numbers.follow(self._controller.stack.tasks)
 
@@ -181,7 +184,7 @@ class Reporter:
         figures = (loop.figures if loop else Figures(math.inf)).as_text()
         self._wait()
         return diagnostics(self._node.get_clock().now().to_msg(), self._name, reason, report,
-                           controller, records, figures, self._wait)
+                           controller, records, figures, self._wait, self._hints.of)
 
     def _reports(self) -> Sequence[TaskReport]:
         """Return the reports of all tasks."""

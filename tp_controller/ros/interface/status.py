@@ -15,6 +15,7 @@
 """Conversion of the report of a cycle to messages."""
 
 from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -31,7 +32,8 @@ LEVELS = {**dict.fromkeys(('reached', 'satisfied', 'moving', 'disabled'), Diagno
 
 def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | None,
                 controller: Controller | None, records: Mapping[str, GoalRecord],
-                figures: Mapping[str, str], wait: Callable[[], None]) -> DiagnosticArray:
+                figures: Mapping[str, str], wait: Callable[[], None],
+                hint_of: Callable[[TaskReport], str] = attrgetter('hint')) -> DiagnosticArray:
     """
     Return the status of the node and of every task, with the same keys at all times.
 
@@ -53,6 +55,8 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
         {key: value} of the loop statistics.
     wait : callable
         Called between parts of the work, such as the causes that limit a task, and its text.
+    hint_of : callable, optional
+        Returns the hint of a task.
 
     Returns
     -------
@@ -72,7 +76,7 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
     for task in task_reports(stop_reason, report, controller):
         if task.name in records:
             wait()
-            status = _task_status(node_name, task, records[task.name], wait)
+            status = _task_status(node_name, task, records[task.name], wait, hint_of)
             status.values.append(_value('gain warning', _gain_warning(controller, task.name)))
             array.status.append(status)
     return array
@@ -102,7 +106,8 @@ def _goal_values(record: GoalRecord) -> list[KeyValue]:
 
 
 def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
-                 wait: Callable[[], None]) -> DiagnosticStatus:
+                 wait: Callable[[], None], hint_of: Callable[[TaskReport], str]
+                 ) -> DiagnosticStatus:
     """Return the status of one task."""
     # Computes the causes that limit the task.
     status = task.status
@@ -117,7 +122,7 @@ def _task_status(node_name: str, task: TaskReport, record: GoalRecord,
     values.append(_value('progress', '' if task.progress is None else f'{task.progress:.4f}'))
     values.append(_value('reason', task.reason))
     values.append(_value('causes', '; '.join(task.phrases)))
-    values.append(_value('hint', task.hint))
+    values.append(_value('hint', hint_of(task)))
     values.extend(_goal_values(record))
     message = status if not task.reason else f'{status}: {task.reason}'
     return DiagnosticStatus(name=f'{node_name}: {task.name}', hardware_id=node_name,

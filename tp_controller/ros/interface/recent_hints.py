@@ -1,0 +1,55 @@
+# Copyright 2026 tp_controller contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hints of the tasks that are not computed for every status."""
+
+from collections.abc import Callable
+import math
+
+from tp_controller.control.task_report import TaskReport
+from tp_controller.ros.loop.clocks import boot_time
+
+# Least time between two hints of a task that are computed [s]: each takes as long as some cycles.
+HINT_SECONDS = 1.0
+
+
+class RecentHints:
+    """
+    Hints of the tasks, each computed at most once in `HINT_SECONDS`.
+
+    Parameters
+    ----------
+    clock : callable, optional
+        Returns the time [s].
+
+    """
+
+    def __init__(self, clock: Callable[[], float] = boot_time) -> None:
+        self._clock = clock
+        self._found: dict[str, tuple[float, str]] = {}
+
+    def of(self, task: TaskReport) -> str:
+        """Return the hint of a task, perhaps that of an earlier report."""
+        if not task.reason:
+            return ''
+        found, hint = self._found.get(task.name, (-math.inf, ''))
+        now = self._clock()
+        if now - found >= HINT_SECONDS:
+            hint = task.hint
+            self._found[task.name] = now, hint
+        return hint
+
+    def forget(self) -> None:
+        """Drop the hints, which were for another stack."""
+        self._found.clear()
