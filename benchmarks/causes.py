@@ -26,9 +26,11 @@ true cause has at least a tenth.
 
 *Found* are the true causes that the report names, as a share of all true ones. *Right* are the
 named causes that are true, as a share of all named ones; in both, those within `MARGIN` of a tenth
-are left out. *Within 0.1* are the shares, true or named, that differ by less than that, and *off
-by* is the largest difference. The times are those of `TaskReport.causes` for all tasks of a cycle
-in which at least one task is limited, when a report is read right after another one.
+are left out. A task that moves no joint of another one, nor any that tasks above couple to these,
+is no cause: it changes damping only. That is so where no joint slows all. *Within 0.1* are the
+shares, true or named, that differ by less than that, and *off by* is the largest difference. The
+times are those of `TaskReport.causes` for all tasks of a cycle in which at least one task is
+limited, when a report is read right after another one.
 """
 
 import argparse
@@ -41,6 +43,7 @@ from typing import Any
 
 from _robots import load_robot
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 from tp_controller import Controller, Robot, Settings, Stack
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.joint_limits import JointMotion
@@ -179,6 +182,21 @@ class Scene:
                 break
         return self.missing(velocity)
 
+    def couples(self, name: str, other: str) -> bool:
+        """Return whether a task above another one, or a joint, can do more than damp it."""
+        evaluations = {each.task.name: each for each in chain(*self.solved.evaluations)}
+        if other not in evaluations or self.settings.scaling == 'uniform':
+            return True
+        names = list(evaluations)
+        group = next(group for group in self.solved.evaluations
+                     if name in [each.task.name for each in group])
+        last = names.index(group[-1].task.name)
+        J = [evaluations[each].level.J != 0.0 for each in names[:last + 1]]
+        rows = np.vstack(J).astype(int)
+        _, labels = connected_components(rows.T @ rows, directed=False)
+        moved = [set(labels[evaluations[each].level.J.any(axis=0)]) for each in (name, other)]
+        return not moved[0].isdisjoint(moved[1])
+
     def alone(self) -> Iterator[tuple[tuple[str, str], dict[str, float]]]:
         """Yield (kind, name) of all that may be taken away, and what each task misses then."""
         for evaluation in chain(*self.solved.evaluations):
@@ -269,7 +287,8 @@ def compare(scene: Scene, title: str, findings: Findings) -> None:
     order = [task.name for task in scene.report.tasks]
     for removed, left in scene.alone():
         for task in limited:
-            if removed[1] not in order[order.index(task.name):]:
+            if removed[1] not in order[order.index(task.name):] \
+                    and scene.couples(task.name, removed[1]):
                 _count(title, task.name, removed, (lasting[task.name] - left[task.name])
                        / max(now[task.name], lasting[task.name]),
                        named[task.name].get(removed, 0.0), findings)

@@ -34,13 +34,17 @@ from tp_controller.control.velocity_limits import RESERVE, SAME_VELOCITY, Veloci
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
+from tp_controller.solver.null_space import Directions
 from tp_controller.solver.solution import LevelSolution
 from tp_controller.tasks.task import Evaluation, norm
 
+# Share from which a cause alone is a reason.
+NOTABLE_SHARE = 0.1
 # A residual below this, times the row scale of the task, is a rounding error [unit/s].
 DEMAND_ROUNDING = 1e-6
-# Singular value below which a direction is singular, in the units of J.
-NEAR_SINGULAR = 0.1
+# Singular value below which a direction is singular, in the units of J, and share of the largest
+# one up to which the robot cannot move in it: descriptions have angles with five digits.
+NEAR_SINGULAR, IMMOVABLE = 0.1, 1e-5
 
 TASK, BOUNDS = 'task', 'bounds'
 SINGULARITY, IMPOSSIBLE = 'singularity', 'impossible'
@@ -157,20 +161,17 @@ class Causes:
         """
         Return (kind, name) of the tasks and limits that block a task together; [] if none do.
 
-        The set is minimal: with any of them in place, part of the residual returns.
+        The set is minimal: with any of them in place, part of the residual returns. Limits that
+        act only without the others are among them where little would come back otherwise.
         """
         index, level = self.variants.level_index(evaluation), evaluation.level
-        removed: list[Removable] = [
-            other for group in self._evaluations[:index + 1] for other in group
-            if other is not evaluation]
-        removed += self.active_limits(index)
+        removed: list[Removable] = [*self._others(evaluation), *self.active_limits(index)]
         residual = missing(level, self.variants.lasting.velocity)
-        # Without a task, a limit may become the next to stop the joints.
         hidden: list[ActiveLimits] | None = None
         while hidden is None or hidden:
             velocity = self.variants.without(removed)
             least = missing(level, velocity)
-            hidden = [] if least <= SIGNIFICANT_SHARE * residual else [
+            hidden = [] if least <= (1.0 - NOTABLE_SHARE) * residual else [
                 each for each in _at_bounds(self.variants.cycle_without(removed).bounds, velocity)
                 if each not in removed]
             removed += hidden
@@ -230,15 +231,34 @@ class Causes:
         for active in self.active_limits(index):
             yield (*self.kind_and_name(active),
                    lasting - missing(level, variants.without([active])))
-        for group in self._evaluations[:index + 1]:
-            for other in group:
-                if other is not evaluation:
-                    yield (*self.kind_and_name(other),
-                           lasting - missing(level, variants.without([other])))
+        for other in self._others(evaluation):
+            yield *self.kind_and_name(other), lasting - missing(level, variants.without([other]))
         if self._is_damped(index):
             yield DAMPING, '', lasting - missing(level, variants.undamped)
         yield from self._singular(evaluation, lasting)
         yield from self._passing(level, now, lasting)
+
+    def _others(self, evaluation: Evaluation) -> list[Evaluation]:
+        """
+        Return the other tasks, on the level of a task or above it, that can block it.
+
+        They move joints that move it, or that are coupled to these by rows of such tasks. Unless
+        one joint slows all, or a reserve is in force, the others change nothing but damping, of
+        which a level has one for all joints.
+        """
+        index = self.variants.level_index(evaluation)
+        others = [each for group in self._evaluations[:index + 1] for each in group
+                  if each is not evaluation]
+        if self.slows_all or any(RESERVE in each.limits for each in self.active_limits(index)):
+            return others
+        coupled: Array = np.any(_moves(evaluation), axis=0)
+        rows = np.vstack([_moves(each) for each in others]) if others else coupled[None]
+        for _ in rows:
+            found = coupled | np.any(rows[np.any(rows[:, coupled], axis=1)], axis=0)
+            if np.array_equal(found, coupled):
+                break
+            coupled = found
+        return [each for each in others if _moves(each)[:, coupled].any()]
 
     def _passing(self, level: Level, now: float, lasting: float
                  ) -> Iterator[tuple[str, str, float]]:
@@ -273,6 +293,14 @@ class Causes:
         """Return whether joints at their limits scale the whole command."""
         return self.variants.lasting.slowed < 1.0
 
+    @property
+    def slowing_limits(self) -> list[tuple[str, str]]:
+        """Return (kind, name) of the limits that slow all joints notably; mostly []."""
+        lasting = self.variants.lasting
+        return [] if lasting.slowed > 1.0 - NOTABLE_SHARE else [
+            self.kind_and_name(each)
+            for each in _at_bounds(self.variants.cycle.bounds, lasting.velocity)]
+
     def limits_at(self, level: LevelSolution, joint: int) -> list[str]:
         """Return the limits of a joint that are active in a level of the cycle; mostly one."""
         return _limits_at(self._cycle.bounds, level, joint)
@@ -287,6 +315,16 @@ class Causes:
             found.update((each, True) for each in _at_bounds(bounds, lasting.velocity))
         return list(found)
 
+    def movable(self, level: Level) -> Directions | None:
+        """Return the directions in which the robot can move a level; None if it moves in all."""
+        if not level.J.size or level.is_identity:
+            return None
+        its = self.variants.lasting.directions_alone(level, NEAR_SINGULAR)
+        if its is None or not its.rank or its.s[-1] > IMMOVABLE * its.s[0]:
+            return its
+        rank = int(np.count_nonzero(its.s > IMMOVABLE * its.s[0]))
+        return its._replace(U=its.U[:, :rank], s=its.s[:rank])
+
     def _is_damped(self, index: int) -> bool:
         """Return whether a level, or one above it, is damped or relaxed."""
         return any(level.is_damped for level in self.variants.lasting.levels[:index + 1])
@@ -299,8 +337,7 @@ class Causes:
         solved = solution.levels[self.variants.level_index(evaluation)]
         if solved.is_relaxed:
             gained = lasting - norm(residual + level.J.dot(solved.added))
-        its = None if not level.J.size or level.is_identity else \
-            solution.directions_alone(level, NEAR_SINGULAR)
+        its = self.movable(level)
         if its is not None and its.rank < len(level.J):
             yield IMPOSSIBLE, '', lasting - norm(its.U.T.dot(residual))
         if its is not None and its.rank and its.s[-1] < NEAR_SINGULAR:
@@ -309,6 +346,11 @@ class Causes:
             gained = max(gained, lasting - missing(
                 other, self.variants.with_level(evaluation, other)))
         yield SINGULARITY, '', gained
+
+
+def _moves(evaluation: Evaluation) -> Array:
+    """Return whether each joint moves each row of a task (rows, n)."""
+    return np.asarray(evaluation.level.J != 0.0)
 
 
 def _limits_at(bounds: VelocityBounds, level: LevelSolution, joint: int) -> list[str]:

@@ -27,7 +27,6 @@ from tp_controller.control.causes import (
     DAMPING,
     IMPOSSIBLE,
     missing,
-    NEAR_SINGULAR,
     SINGULARITY,
     TASK,
 )
@@ -161,8 +160,7 @@ class _Adviser:
         elif kind == SINGULARITY:
             yield Proposal(text, setup.in_middle(setup.robot.joint_names))
         elif kind == IMPOSSIBLE:
-            level = self._evaluation.level
-            its = self._causes.variants.lasting.directions_alone(level, NEAR_SINGULAR)
+            its = self._causes.movable(self._evaluation.level)
             if its is not None:
                 yield Proposal(text, setup.with_part(self._own, its.U))
 

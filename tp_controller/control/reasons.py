@@ -27,6 +27,7 @@ from tp_controller.control.causes import (
     CURVED,
     DAMPING,
     IMPOSSIBLE,
+    NOTABLE_SHARE,
     SINGULARITY,
     TASK,
 )
@@ -39,8 +40,8 @@ from tp_controller.tasks.task import Evaluation
 
 # Largest number of causes or rows that a reason names.
 NAMES_PER_REASON = 3
-# Share from which a cause alone is a reason.
-NOTABLE_SHARE = 0.1
+# Sum of the shares of such causes from which no others are looked for.
+SUFFICIENT_SHARE = 0.5
 # Kinds of causes that are limits of a joint.
 LIMIT_KINDS = frozenset(limit.name for limit in LIMITS)
 # {kind: sentence, with a placeholder for the joint or task}
@@ -52,7 +53,7 @@ SENTENCES = {
     SINGULARITY: 'near a singularity',
     IMPOSSIBLE: 'the robot cannot move in this direction here',
     DAMPING: 'slowed by damping',
-    CURVED: 'slowed so that it does not oscillate',
+    CURVED: 'damped so that it does not oscillate',
     ACCELERATING: 'accelerating',
     TRANSITION: 'a change is still being blended in',
 }
@@ -105,16 +106,8 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
         distance = ', '.join(with_unit(f'{value:.2g}', unit)
                              for value, unit, tolerance in errors if value > tolerance)
         yield Statement(f'{OUT_OF_REACH} by {distance}', (OUT_OF_REACH,))
-    elif names := combined():
-        yield Statement(_combined(names, causes), tuple([phrase(*each) for each in names]))
-    elif found:
-        sentences = _sentences(evaluation, found, causes)
-        for index, cause in enumerate(found):
-            yield Statement(sentences[index] if index < len(sentences) else '',
-                            (phrase(cause.kind, cause.name),))
     else:
-        sentence = SENTENCES[TRANSITION] if causes.override == TRANSITION else SEVERAL
-        yield Statement(sentence, (sentence,))
+        yield from _limiting(evaluation, found, combined(), causes)
     if causes.override not in ('', TRANSITION):
         yield Statement(causes.override, (causes.override,))
 
@@ -124,10 +117,11 @@ def phrase(kind: str, name: str) -> str:
     return SENTENCES[kind].format(name)
 
 
-def suffices(cause: Cause) -> bool:
-    """Return whether a cause is a reason even if others limit the task more together."""
+def suffice(found: Sequence[Cause]) -> bool:
+    """Return whether causes are the reason even if others limit the task more together."""
     # Joints that are fast enough for a singularity are no remedy.
-    return cause.share >= NOTABLE_SHARE or cause.kind == SINGULARITY
+    return any(cause.kind == SINGULARITY for cause in found) or sum(
+        cause.share for cause in found if cause.share >= NOTABLE_SHARE) >= SUFFICIENT_SHARE
 
 
 def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> bool:
@@ -140,11 +134,25 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
         and causes.is_out_of_reach(evaluation)
 
 
-def _sentences(evaluation: Evaluation, found: Sequence[Cause], causes: Causes) -> list[str]:
-    """Return the sentences for the largest causes."""
-    least = min(NOTABLE_SHARE, found[0].share)
-    return [_sentence(cause, evaluation, causes) for cause in found[:NAMES_PER_REASON]
-            if cause.share >= least]
+def _limiting(evaluation: Evaluation, found: Sequence[Cause],
+              together: Sequence[tuple[str, str]], causes: Causes) -> Iterator[Statement]:
+    """Yield the statements about causes that limit a task, together and alone."""
+    if together:
+        yield Statement(_combined(together, causes), tuple([phrase(*each) for each in together]))
+    alone = [cause for cause in found if (cause.kind, cause.name) not in together]
+    least = min(NOTABLE_SHARE, found[0].share) if found and not together else NOTABLE_SHARE
+    named = [cause for cause in alone[:NAMES_PER_REASON] if cause.share >= least]
+    known = {*together, *[(cause.kind, cause.name) for cause in named]}
+    # The limit that slows all has hardly a share if the next one is almost as low.
+    named += [Cause(*each, 0.0) for each in causes.slowing_limits[:1] if each not in known]
+    for cause in named:
+        yield Statement(_sentence(cause, evaluation, causes), (phrase(cause.kind, cause.name),))
+    for cause in alone:
+        if cause not in named:
+            yield Statement('', (phrase(cause.kind, cause.name),))
+    if not together and not named:
+        sentence = SENTENCES[TRANSITION] if causes.override == TRANSITION else SEVERAL
+        yield Statement(sentence, (sentence,))
 
 
 def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:

@@ -36,7 +36,7 @@ from tp_controller.control.reasons import (
     OUT_OF_REACH,
     Statement,
     statements,
-    suffices,
+    suffice,
 )
 from tp_controller.control.roll_out import RollOuts
 from tp_controller.control.solved_cycle import SolvedCycle
@@ -160,7 +160,7 @@ class TaskReport:
 
     def _combined(self) -> Sequence[tuple[str, str]]:
         """Return (kind, name) of what limits the task together; () if a cause alone is enough."""
-        if self._cycle is None or any(suffices(cause) for cause in self.causes):
+        if self._cycle is None or suffice(self.causes):
             return ()
         return self._cycle.combined_causes(self._index)
 

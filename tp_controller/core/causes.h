@@ -22,7 +22,8 @@
 namespace {
 
 // Constants of the reference.
-constexpr double SIGNIFICANT_SHARE = 0.01, NEAR_SINGULAR = 0.1;
+constexpr double SIGNIFICANT_SHARE = 0.01, NOTABLE_SHARE = 0.1, NEAR_SINGULAR = 0.1,
+    IMMOVABLE = 1e-5;
 
 // Kinds of causes that follow those of limits, whose numbers are the places of their bits.
 enum CauseKind {
@@ -75,7 +76,7 @@ class Causes {
     const double small = SIGNIFICANT_SHARE * residual;
     double least = missing(level, variants_.without(removed));
     // Without a task, a limit may become the next to stop the joints.
-    while (least > small) {
+    while (least > (1.0 - NOTABLE_SHARE) * residual) {
       const Removed hidden = next_limits(removed);
       if (hidden.empty()) break;
       removed.insert(removed.end(), hidden.begin(), hidden.end());
@@ -127,13 +128,53 @@ class Causes {
     return norm(residual_of(level, x), level.m);
   }
 
-  // All other tasks on the level of a task or above it.
+  // The other tasks, on the level of a task or above it, that can block it.
   Removed other_tasks(size_t task) const {
+    const size_t index = cycle_.parts[task].level;
+    const Removed active = active_limits(index);
+    const bool all = variants_.lasting().slowed < 1.0
+        || std::any_of(active.begin(), active.end(), [](const Removable &each) {
+             return each.active.limits & RESERVE;
+           });
+    std::vector<char> coupled(size_t(n_), all);
+    couple(task, coupled, true);
+    for (bool more = true; more;) {
+      more = false;
+      for (size_t other = 0; other < cycle_.parts.size() && cycle_.parts[other].level <= index; ++other)
+        if (other != task && couple(other, coupled, false)) more = true;
+    }
     Removed found;
     for (size_t other = 0; other < cycle_.parts.size(); ++other)
-      if (cycle_.parts[other].level <= cycle_.parts[task].level && other != task)
+      if (cycle_.parts[other].level <= index && other != task
+          && (all || moves_any(other, coupled)))
         found.push_back({int(other), {}});
     return found;
+  }
+
+  // Add the joints that move rows of a task, all rows or those that a coupled joint moves; whether
+  // there are more now.
+  bool couple(size_t task, std::vector<char> &coupled, bool all) const {
+    const Level level = cycle_.of(cycle_.parts[task]);
+    bool more = false;
+    for (int row = 0; row < level.m; ++row) {
+      bool is = all;
+      for (int j = 0; j < n_ && !is; ++j) is = coupled[size_t(j)] && moves(level, row, j);
+      for (int j = 0; j < n_ && is; ++j)
+        if (!coupled[size_t(j)] && moves(level, row, j)) coupled[size_t(j)] = more = true;
+    }
+    return more;
+  }
+
+  bool moves_any(size_t task, const std::vector<char> &coupled) const {
+    const Level level = cycle_.of(cycle_.parts[task]);
+    for (int row = 0; row < level.m; ++row)
+      for (int j = 0; j < n_; ++j)
+        if (coupled[size_t(j)] && moves(level, row, j)) return true;
+    return false;
+  }
+
+  static bool moves(const Level &level, int row, int j) {
+    return level.J ? level.J[size_t(row) * size_t(level.n) + size_t(j)] != 0.0 : row == j;
   }
 
   // All limits that are active in a level of the cycle that lasts, or above it.
@@ -233,7 +274,8 @@ class Causes {
     if (!its.steps.empty() && its.steps[part.level].is_relaxed)
       gained = lasting - undisturbed(level, residual, its.steps[part.level]);
     if (level.m && !part.is_identity) {
-      const Directions alone = alone_of(part, level);
+      Directions alone = alone_of(part, level);
+      while (alone.rank > 1 && alone.s[alone.rank - 1] <= IMMOVABLE * alone.s[0]) --alone.rank;
       if (alone.rank < level.m) {
         double *along = arena_.take(alone.rank);
         alone.seen(residual, along);

@@ -23,6 +23,8 @@ import robots
 from robots import cartesian
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller.control.causes import Cause
+from tp_controller.control.reasons import suffice
 
 NOW = Settings(blend=0.0, reserve=0.0, period=0.01)
 
@@ -426,14 +428,14 @@ def test_damping_that_is_left_of_a_joint_limit_is_a_cause_that_passes():
         named.append({cause.kind: cause.share for cause in command.report.tasks[1].causes})
     assert 'damping' not in named[-1] and named[-1]['curvature'] > 0.5
     assert named[-2]['task'] == pytest.approx(1.0) and named[-2].get('curvature', 0.0) < 0.1
-    assert command.report.tasks[1].reason.startswith('slowed so that it does not oscillate')
+    assert command.report.tasks[1].reason.startswith('damped so that it does not oscillate')
 
 
 def test_reason_names_the_largest_causes_and_the_phrases_all():
     robot = robots.panda()
     q = np.array(robots.PANDA_READY)
-    target = (q + [0.9, 0.8, 0.7, 0.6, -0.9, 0.8, 0.7]).round(3).tolist()
-    task = first_report(robot, f'- rest: {{type: posture, gain: 10.0, target: {target}}}', q)[
+    target = (q + [0.95, 0.8, 0.73, 0.6, -0.9, 0.8, 0.7]).round(3).tolist()
+    task = first_report(robot, f'- rest: {{type: posture, gain: 3.2, target: {target}}}', q)[
         'rest']
     assert len(task.causes) > 3
     named = tuple(f'{cause.name} at its velocity limit' for cause in task.causes)
@@ -507,7 +509,73 @@ def test_curvature_that_is_about_to_be_forgotten_is_a_cause():
         task = command.report.tasks[-1]
         missing.append(1.0 - task.achieved_speed / task.demanded_speed)
         if cycle == 224:
-            assert missing[-1] > 0.3 and task.phrases == ('slowed so that it does not oscillate',)
+            assert missing[-1] > 0.3 and task.phrases == ('damped so that it does not oscillate',)
         simulator.command(command.velocity)
         simulator.step(0.01)
     assert missing[-1] < 0.01
+
+
+def test_limits_that_act_only_without_the_tasks_that_block_are_not_named():
+    # Without a and b two thirds of what is missing come back, to the velocity limit.
+    task = first_report(cartesian(), """
+- a: {type: joint, joints: slide_x, target: [0.0]}
+- b: {type: position, frame: z, axes: x}
+- c: {type: joint, joints: slide_x, target: [1.5]}
+""", [0.0, 0.0, 0.0])['c']
+    assert task.reason == 'blocked by a and b together'
+
+
+def test_causes_that_leave_most_unexplained_do_not_stand_for_those_that_act_together():
+    # Each of the two limits alone brings back 0.27 of what is missing.
+    task = first_report(cartesian(), '- tool: {type: position, frame: z, axes: xy}',
+                        [0.0, 0.0, 0.0], NOW, {'tool': [1.8, 1.8, 0.0]})['tool']
+    assert [round(cause.share, 2) for cause in task.causes] == [0.29, 0.29]
+    assert suffice(task.causes)
+    assert not suffice(task.causes[:1])
+    assert suffice([Cause('singularity', '', 0.02)])
+
+
+def test_the_joint_that_slows_all_is_named_even_if_the_next_limit_is_as_low():
+    # Both joints are scaled to half; without the limit of x it would be 0.51.
+    tasks = first_report(cartesian(), """
+- x: {type: joint, joints: slide_x, target: [2.0]}
+- y: {type: joint, joints: slide_y, target: [1.96]}
+- z: {type: joint, joints: slide_x, target: [0.2]}
+""", [0.0, 0.0, 0.0], Settings(scaling='uniform', blend=0.0))
+    slows = 'slide_x at its velocity limit, which slows all tasks'
+    assert tasks['z'].reason == f'blocked by x; {slows}'
+    assert max(cause.share for cause in tasks['y'].causes if cause.kind != 'task') < 0.1
+    assert tasks['y'].reason.startswith('slide_x')
+
+
+def test_a_motion_that_is_impossible_but_for_rounding_is_no_singularity():
+    # The point is on a sphere, but for 1e-7 m, as where a description rounds its angles.
+    robot = Robot.from_dh([
+        {'name': 'a', 'alpha': 1.5707963, 'd': 0.3, 'velocity': 9.0},
+        {'name': 'b', 'alpha': -1.5707963, 'velocity': 9.0},
+        {'name': 'c', 'd': 0.3, 'a': 1e-7, 'velocity': 9.0}])
+    task = first_report(robot, '- tip: {type: position, frame: link3}', [0.3, 0.4, 0.2],
+                        goals={'tip': [0.5, 0.5, 0.9]})['tip']
+    assert {cause.kind for cause in task.causes} == {'impossible'}
+
+
+def test_an_arm_does_not_block_another_with_which_it_shares_damping_only():
+    robot = Robot.from_urdf(robots.urdf_path('baxter'), joints=[
+        f'{side}_{joint}' for side in ('left', 'right')
+        for joint in ('s0', 's1', 'e0', 'e1', 'w0', 'w1', 'w2')])
+    stack = Stack.from_yaml("""
+- left: {type: pose, frame: left_gripper}
+- right: {type: pose, frame: right_gripper}
+- rest: {type: posture}
+""", robot)
+    controller, q = Controller(robot, stack, NOW), robot.neutral()
+    controller.update(q, 0.0)
+    controller.set_goal('left', [2.0, 0.6, 0.4, 0.0, 0.0, 0.0, 1.0], 0.0)
+    controller.set_goal('right', [2.0, -0.7, 0.5, 0.0, 0.0, 0.0, 1.0], 0.0)
+    for cycle in range(1, 200):
+        command = controller.update(q, 0.01 * cycle)
+        q = robot.integrate(q, command.velocity, 0.01)
+        left, right, rest = command.report.tasks
+        assert 'left' not in [cause.name for cause in right.causes]
+    # What both couple is blocked by both.
+    assert {'left', 'right'} & {cause.name for cause in rest.causes}
