@@ -189,7 +189,9 @@ class _Adviser:
                             setup.above(own, [name]), (name,))
         proposal = Proposal(f'exchange {name} and {own} in the stack', setup.exchanged(own, name),
                             (name,))
-        if self._helps(proposal) and any(map(self._helps, self._by_goals([name]))):
+        course = self._roll_outs.course(proposal.setup)
+        if course is not None and not course.arrives((own, name)) and self._helps(proposal) \
+                and self._helps(self._fitting_goals(course, [name])):
             text = f'{proposal.text}, or choose goals that are compatible'
             return proposal._replace(text=text)
         return proposal
@@ -205,9 +207,13 @@ class _Adviser:
             yield Proposal(f'put {own} above {listed(blocking)} until all are there: their '
                            'goals are compatible', first, blocking)
         else:
-            yield Proposal(f'choose goals of {listed([*blocking, own])} that are compatible',
-                           setup.with_goals_at(course.q, self._roll_outs.passive, blocking),
-                           blocking)
+            yield self._fitting_goals(course, blocking)
+
+    def _fitting_goals(self, course: Course, blocking: Sequence[str]) -> Proposal:
+        """Return the proposal to set the goals of tasks where they end up in a course."""
+        return Proposal(
+            f'choose goals of {listed([*blocking, self._own])} that are compatible',
+            self._setup.with_goals_at(course.q, self._roll_outs.passive, blocking), blocking)
 
     def _together(self, causes: Sequence[tuple[str, str]]) -> Proposal:
         """Return the change of all that blocks the task together."""

@@ -182,3 +182,20 @@ def test_what_blocks_together_is_changed_together():
 - c: {type: position, frame: z, axes: x}
 """, q=(2.0, 0.0, 0.0), goals={'c': [2.5, 0.0, 0.0]})['c'] == (
         'put c above a, and choose a goal farther from the upper position limit of slide_x')
+
+
+def test_other_goals_are_not_advised_where_an_exchange_leads_both_tasks_to_theirs():
+    robot = robots.panda()
+    controller = Controller(robot, Stack.from_yaml("""
+- tool: {type: pose, frame: panda_hand_tcp}
+- elbow: {type: position, frame: panda_link4, axes: z}
+- rest: {type: posture}
+""", robot), Settings(blend=0.0, period=0.02, command_delay=0))
+    q = np.array(robots.PANDA_READY)
+    controller.update(q, 0.0)
+    controller.set_goal('tool', [0.4, 0.3, 0.4, 1.0, 0.0, 0.0, 0.0], 0.0)
+    controller.set_goal('elbow', [0.0, 0.0, 0.63], 0.0)
+    for cycle in range(1, 26):
+        command = controller.update(q, 0.02 * cycle)
+        q = q + 0.02 * command.velocity
+    assert command.report.tasks[1].hint == 'exchange tool and elbow in the stack'
