@@ -129,11 +129,12 @@ def calls():
             robot = robots.named(name)
             controller = Controller(robot, Stack.from_yaml(text, robot), Settings(period=0.01))
             q, passive = robots.anywhere(robot, np.random.default_rng(1))
-            for cycle in range(4):
+            for now in (0.0, 0.01, 0.02, 1.0):
+                # The last goals are blended in, by `step`.
                 for task in controller.stack.tasks.values():
                     if task.type_name in GOALS:
-                        controller.set_goal(task.name, GOALS[task.type_name], 0.0)
-                report = controller.update(q, 0.01 * cycle, passive).report
+                        controller.set_goal(task.name, GOALS[task.type_name], now)
+                report = controller.update(q, now, passive).report
                 assert report.tasks[0].causes is not None
                 assert report._cycle.combined_causes(0) is not None
     return found
