@@ -41,7 +41,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Task
-from tp_controller.untrusted.calls import foreign
+from tp_controller.tasks.task_errors import is_foreign
 
 # Time that is rolled out [s], and its largest number of cycles.
 HORIZON, MOST_CYCLES = 10.0, 500
@@ -116,15 +116,16 @@ class RollOuts:
     @cached_property
     def unchanged(self) -> Course | None:
         """Return the course of the robot without a change; see `course`."""
-        return self.course(self.setup)
+        # A task of another package may take long, or not be made for a second thread.
+        return None if any(map(is_foreign, self.setup.tasks.values())) \
+            else self.course(self.setup)
 
     def course(self, setup: Setup) -> Course | None:
         """Return the course of the robot with another setup; None if a task or solver fails."""
         try:
-            with foreign:
-                return self._course(setup)
+            return self._course(setup)
         except Exception:
-            # A task type of another package may raise any exception.
+            # A cycle reports the faults of tasks; a hint is not worth one.
             return None
 
     def _course(self, setup: Setup) -> Course:

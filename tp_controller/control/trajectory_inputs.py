@@ -88,7 +88,7 @@ class TrajectoryInputs(TaskInputs):
         speed : float or dict, optional
             Largest speed on a straight line to the goal, with a smooth profile, in place of the
             exponential approach: a number [m/s, or rad/s without a position], or {unit: number}.
-            A number for a pose limits its turn to that of a point at `LEVER`.
+            A number for a pose limits its turn to that of a point at 0.25 m.
         duration : float, optional
             Time of that motion, in place of its speed [s].
 
@@ -218,7 +218,22 @@ class TrajectoryInputs(TaskInputs):
 
     def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
                          frame: str | Array | None = None) -> None:
-        """Set the feed-forward velocity of a task; see `TaskInputs`."""
+        """
+        Set the feed-forward velocity of a task that follows no trajectory, until its timeout.
+
+        Parameters
+        ----------
+        name, now, frame
+            See `set_goal`.
+        velocity : array_like or dict
+            Twist (6,), linear then angular [m/s, rad/s], or joint velocities.
+
+        Raises
+        ------
+        GoalError
+            As `set_goal`, and while the task follows a trajectory.
+
+        """
         now = check_time(now, 'now', GoalError)
         if self._tasks.reference(self._tasks.task(name), now) is not None:
             raise GoalError(f'task {name!r} follows a trajectory, with its velocity: cancel it '

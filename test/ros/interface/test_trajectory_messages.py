@@ -156,7 +156,8 @@ class Rig:
 
     def __init__(self, harness):
         self.harness = harness
-        self.controller = harness.controller(robot=str(PANDA_DH), stack=STACK, follow_window=0.0)
+        self.controller = harness.controller(robot=str(PANDA_DH), stack=STACK, follow_window=0.0,
+                                             state_timeout=5.0, watchdog_timeout=5.0)
         self.status = Status(harness)
         self.arm = Arm(harness, PANDA_READY, panda().joint_names)
         self.spin_until(lambda: self.status.head == 'running')

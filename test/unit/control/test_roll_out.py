@@ -142,3 +142,11 @@ def test_directions_that_a_task_leaves_out_are_neither_demanded_nor_missed():
     position = rolled.course(rolled.setup.with_part('tool', np.eye(6)[:, :3]))
     assert position.arrivals['tool'] <= HORIZON
     assert report.tasks[0].hint == 'leave out the axes that the robot cannot move here'
+
+
+def test_tasks_of_other_packages_are_not_rolled_out(monkeypatch):
+    robot, stack, goals, q = panda()
+    *_, (_, _, report) = closed_loop(robot, stack, goals, q, ALIKE, 0.1)
+    assert RollOuts(robot, report._solved).unchanged is not None
+    monkeypatch.setattr(type(report._solved.tasks[1][0]), '__module__', 'elsewhere')
+    assert RollOuts(robot, report._solved).unchanged is None
