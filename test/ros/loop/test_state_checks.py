@@ -163,6 +163,15 @@ def test_a_joint_that_wraps_follows():
         assert not check.check(np.array([angle]), np.ones(1), 0.01 * step)
 
 
+def test_a_command_counts_for_the_time_that_it_is_in_force():
+    # Pulses of 1 rad/s that a late cycle keeps in force for 0.4 s, three times in the window.
+    check, q, now = checker(window=2.0), 0.0, 0.0
+    for _ in range(30):
+        for velocity, lasts in [*[(0.0, 0.02)] * 20, (1.0, 0.4)]:
+            assert not check.check(np.array([q]), np.array([velocity]), now)
+            q, now = q + velocity * lasts, now + lasts
+
+
 def test_a_clock_that_is_set_back_hides_no_joint_that_stands_still():
     check = checker()
     check.check(np.zeros(1), np.ones(1), 1000.0)

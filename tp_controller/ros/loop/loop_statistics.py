@@ -44,7 +44,7 @@ class Figures:
         self.other_publishers = self.listeners = self.watchdogs = 0
         self.ignored_description = ''
         # Start, duration, and time from a joint state to its command, of the last cycles.
-        self._times = np.full((CYCLES, 3), np.nan)
+        self._times = [(np.nan, np.nan, np.nan)] * CYCLES
         self._last_start = np.inf
 
     def add(self, start: float, end: float, received: float) -> None:
@@ -57,7 +57,7 @@ class Figures:
 
     def as_text(self) -> dict[str, str]:
         """Return {key: value as text} of the last cycles, always with the same keys."""
-        times: Array = self._times[:min(self.cycles, CYCLES)].copy()
+        times: Array = np.array(self._times[:min(self.cycles, CYCLES)]).reshape(-1, 3)
         starts = times[:, 0]
         span = np.ptp(starts) if len(starts) > 1 else np.nan
         # Sorted once for all percentiles: the loop waits meanwhile.

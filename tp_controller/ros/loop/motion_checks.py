@@ -68,5 +68,10 @@ class MotionChecks:
 
         """
         return self.limits.passed(q) \
-            or self.follow.check(q, share * velocity[self._columns], now) \
+            or self.follow.check(q, self._carried_out(velocity, share), now) \
             or self._base.follows(velocity, now)
+
+    def _carried_out(self, velocity: Array, share: float) -> Array:
+        """Return the share of a command that the driven joints carry out (n,)."""
+        driven = velocity[self._columns]
+        return driven if share == 1.0 else share * driven

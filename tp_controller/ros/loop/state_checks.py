@@ -8,7 +8,6 @@ The checks return faults as text. An implausible message is dropped; the consequ
 is decided in `tp_controller.ros.loop.stop_reasons`.
 """
 
-from collections import deque
 from dataclasses import dataclass
 import math
 
@@ -325,10 +324,15 @@ class FollowCheck:
 
     def forget(self) -> None:
         """Restart the check: the next positions may be unrelated to the last ones."""
-        self._samples: deque[tuple[Array, Array, float]] = deque(
-            maxlen=1 + self.SLOW * self.SAMPLES + self._late)
-        self._commanded = np.zeros(len(self._names))
-        self._velocity = np.zeros(len(self._names))
+        most, n = 1 + self.SLOW * self.SAMPLES + self._late, len(self._names)
+        # Rows are samples, the last ones valid: motion since the first sample, measured and
+        # commanded, and times.
+        self._moved, self._demanded = np.zeros((most, n)), np.zeros((most, n))
+        self._sampled_at = np.zeros(most)
+        self._count, self._last_q = 0, np.zeros(n)
+        # Commands since the last sample, and the times from which they are in force.
+        self._velocities: list[Array] = []
+        self._times: list[float] = []
         self._sampled = self._last = -math.inf
 
     def check(self, q: Array, velocity: Array, now: float) -> str:
@@ -351,35 +355,44 @@ class FollowCheck:
         if self._last > -math.inf and not 0.0 <= now - self._last <= LARGEST_CLOCK_STEP * window:
             # The clock was set: the duration of the last command is unknown.
             self.forget()
-        if self._last > -math.inf:
-            self._commanded = self._commanded + self._velocity * (now - self._last)
-        self._velocity, self._last = velocity, now
+        self._velocities.append(velocity)
+        self._times.append(now)
+        self._last = now
         # Slightly early, since otherwise it may be a whole cycle late.
         if now - self._sampled < 0.9 * window / self.SAMPLES:
             return ''
         self._sampled = now
-        self._samples.append((q.copy(), self._commanded, now))
+        self._take_sample(q, now)
         return self._fault()
+
+    def _take_sample(self, q: Array, now: float) -> None:
+        """Append the motion until now to the samples."""
+        for rows in (self._moved, self._demanded, self._sampled_at):
+            rows[:-1] = rows[1:]
+        if self._count:
+            self._moved[-1] += motion(q - self._last_q, self._endless)
+        # All commands but the one that is in force from now on.
+        self._demanded[-1] += np.diff(self._times) @ np.array(self._velocities)[:-1]
+        self._sampled_at[-1], self._last_q[:] = now, q
+        self._count += 1
+        del self._velocities[:-1], self._times[:-1]
 
     def _fault(self) -> str:
         """Return the fault of the first joint that has not followed in a window that ends now."""
-        lengths = [length for length in (self.SAMPLES, self.SLOW * self.SAMPLES)
-                   if len(self._samples) >= 1 + length + self._late]
-        if not lengths:
-            return ''
-        positions, commanded, times = (np.array(rows) for rows in zip(*self._samples))
-        steps = motion(np.diff(positions, axis=0), self._endless)
-        for length in lengths:
-            moved = steps[-length:].sum(axis=0)
+        last = 1 + self._late
+        for length in (self.SAMPLES, self.SLOW * self.SAMPLES):
+            if self._count < length + last:
+                break
+            moved = self._moved[-1] - self._moved[-1 - length]
             # Commanded motion in windows of the same length that end earlier: one of them is the
             # motion that a robot with any delay up to `lag` has to follow now.
-            last = 1 + self._late
-            demanded = commanded[-last:] - commanded[-last - length:-length]
+            demanded = self._demanded[-last:] - self._demanded[-last - length:-length]
             joint = self._deviating(moved, demanded)
             if joint is not None:
+                passed = self._sampled_at[-1] - self._sampled_at[-1 - length]
                 return (f'{self._names[joint]} does not follow: commanded to move by '
                         f'{demanded[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
-                        f'in {times[-1] - times[-1 - length]:.2g} s')
+                        f'in {passed:.2g} s')
         return ''
 
     def _deviating(self, moved: Array, demanded: Array) -> int | None:
