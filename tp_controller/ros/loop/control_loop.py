@@ -89,8 +89,6 @@ class ControlLoop:
         self._clock = RobotClock(node)
         self.measurements = Measurements(robot, base, values, self.stops, log, boot_time,
                                          self._clock)
-        # A cycle takes less time where there are none.
-        self._passive = self.measurements.joints.passive if robot.passive_names else None
         self.checks = MotionChecks(robot, base, values)
         self.permits = Permits(node, topic, values, self.stops, boot_time)
         self.ramp = RampedStop(controller, values['stop_deceleration'])
@@ -255,7 +253,7 @@ class ControlLoop:
         """Command velocities; return the reason if that fails, else an empty string."""
         try:
             command = self._controller.update(self.measurements.configuration(), now,
-                                              self._passive, elapsed)
+                                              self.measurements.passive, elapsed)
         except EvaluationError as error:
             self.stops.latch(str(error), abrupt=False)
             return self._find_stop_reason(now)
