@@ -120,43 +120,10 @@ class TaskInputs:
         """
         set_tolerance(self._tasks.task(name), tolerance)
 
-    def set_goal(self, name: str, goal: Goal, now: float | None = None,
-                 frame: str | Array | None = None, *, posture: ArrayLike | None = None
-                 ) -> tuple[str, ...]:
-        """
-        Set the goal of a task.
-
-        Parameters
-        ----------
-        name : str
-            Task.
-        goal : array_like or dict
-            Goal of the type of the task; see `tp_controller.tasks`.
-        now : float
-            [s]
-        frame : str or ndarray (4, 4), optional
-            Frame of the robot, at its present pose, in which the goal is expressed, or the pose
-            T_root_frame of a frame that is not on the robot; the task's reference frame by
-            default.
-        posture : array_like (n,), optional
-            Positions of all joints at the goal [rad or m]: all of them move there along a
-            straight line, and the task goes on from its end. By default the task moves straight
-            to the goal. See `set_goal_by_posture`.
-
-        Returns
-        -------
-        tuple of str
-            Remarks about probable mistakes in the goal: it is out of reach, or it has coordinates
-            that do not count.
-
-        Raises
-        ------
-        GoalError
-            The task or frame is unknown, the goal is not finite, has the wrong shape or is beyond
-            the limits of goals in the settings, or `now` is not a finite number; or the base
-            moves, or the posture is beyond the position limits. The previous goal stays in force.
-
-        """
+    def _set_constant_goal(self, name: str, goal: Goal, now: float | None,
+                           frame: str | Array | None, posture: ArrayLike | None
+                           ) -> tuple[str, ...]:
+        """Set a goal that is in force at once; see `Controller.set_goal`."""
         now = check_time(now, 'now', GoalError)
         task, goal = self._tasks.task(name), self.parsed_goal(name, goal, frame)
         accept(task, check_goal, task, goal, self._states.present, self._settings)

@@ -97,7 +97,7 @@ class TrajectoryInputs(TaskInputs):
 
         """
         if speed is None and duration is None:
-            return super().set_goal(name, goal, now, frame, posture=posture)
+            return self._set_constant_goal(name, goal, now, frame, posture)
         if posture is not None or None not in (speed, duration):
             raise GoalError('a goal has a posture, a speed or a duration, but one of them only')
         now = check_time(now, 'now', GoalError)

@@ -73,15 +73,7 @@ def read_table(path: Path) -> GoalTable:
         The file cannot be read, or a column or number is not valid; the message has the line.
 
     """
-    try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            reader = csv.reader(file, skipinitialspace=True)
-            head = [name.strip() for name in next(reader, [])]
-            rows = [(reader.line_num, row) for row in reader if row]
-    except OSError as error:
-        raise GoalError(f'{path}: {error.strerror}') from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise GoalError(f'{path}: {error}') from error
+    head, rows = read_lines(path)
     columns = [_column(path, name) for name in head]
     if columns and not rows:
         raise GoalError(f'{path}: has no goals below its first line')
@@ -90,12 +82,30 @@ def read_table(path: Path) -> GoalTable:
                         'tool.x,tool.y,tool.z')
     _check_parts(path, columns)
     table = GoalTable({task: [] for task, _ in columns if task != 'start'}, [])
-    for line, row in rows:
-        values = _values(f'{path}: line {line}', columns, row)
+    for where, row in rows:
+        values = _values(where, columns, row)
         table.starts.append(values.get('start', {}))
         for task, goals in table.goals.items():
             goals.append(_goal(values[task]))
     return table
+
+
+def read_lines(path: Path) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """
+    Return the names of the columns of a CSV file, and each line that is not empty.
+
+    A line has the words that begin a message about it, and its texts. Raises `GoalError` if the
+    file cannot be read.
+    """
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            reader = csv.reader(file, skipinitialspace=True)
+            head = [name.strip() for name in next(reader, [])]
+            return head, [(f'{path}: line {reader.line_num}', row) for row in reader if row]
+    except OSError as error:
+        raise GoalError(f'{path}: {error.strerror}') from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise GoalError(f'{path}: {error}') from error
 
 
 def _column(path: Path, name: str) -> tuple[str, str]:

@@ -5,12 +5,11 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-import csv
 from pathlib import Path
 from typing import Any
 
 from tp_controller.errors import GoalError
-from tp_controller.tools.cli.goal_table import POSE_PARTS
+from tp_controller.tools.cli.goal_table import POSE_PARTS, read_lines
 from tp_controller.tools.cli.values import finite_number, positive_number
 
 # Column with the time from the start [s].
@@ -100,15 +99,7 @@ def read_way(path: Path) -> tuple[list[dict[str, Any]], list[float] | None]:
         The file cannot be read, or a column or number is not valid; the message has the line.
 
     """
-    try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            reader = csv.reader(file, skipinitialspace=True)
-            head = [name.strip() for name in next(reader, [])]
-            rows = [(f'{path}: line {reader.line_num}', row) for row in reader if row]
-    except OSError as error:
-        raise GoalError(f'{path}: {error.strerror}') from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise GoalError(f'{path}: {error}') from error
+    head, rows = read_lines(path)
     if not rows:
         raise GoalError(f'{path}: has no goals below its first line')
     _check_columns(path, head)
