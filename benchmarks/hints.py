@@ -13,7 +13,8 @@ without that is the comparison. Both go on for `LATER` seconds.
 *Arrive* are the tasks that reach their goals without that. Of the others, *helped* are those that
 then arrive, or whose error is at least a fifth smaller. *Worse* are those whose error is larger by
 a fifth, and those in which this is so of a task above that the hint does not name. `wait` changes
-nothing: it helps if the task arrives within `LATER` or half as long again as it says.
+nothing: it helps if the task arrives within `LATER` or half as long again as it says, or its error
+is at least a fifth smaller than when it was read.
 """
 
 import argparse
@@ -132,7 +133,7 @@ class Follower:
         self._scene = scene
         self._patterns = (
             (r'exchange (\S+) and (\S+) in', self._exchange),
-            (r'put (\S+) above (.+?)(?: until all|$)', self._put_above),
+            (r'put (\S+) above (.+?)(?: until all| \(|$)', self._put_above),
             (r'raise the velocity limits? of (.+)', self._raise_limits),
             (r'lower the setting (\S+)', self._lower),
             (r'set scaling to (\S+)', self._scale),
@@ -140,8 +141,9 @@ class Follower:
 
     def of(self, hint: str) -> Change | None:
         """Return a function that follows all parts of a hint; None if no program can."""
-        parts = [self._of_part(part)
-                 for part in re.sub(r'^wait .*?, or ', '', hint).split(', and ')]
+        # A cost is no part of it.
+        hint = re.sub(r' \(.*? goals?\)', '', re.sub(r'^wait .*?, or ', '', hint))
+        parts = [self._of_part(part) for part in hint.split(', and ')]
         return None if None in parts else lambda controller: [part(controller) for part in parts]
 
     def _of_part(self, hint: str) -> Change | None:
@@ -234,8 +236,10 @@ def compare(scene: Scene, random: np.random.Generator
                 return None
             task = drawn[random.integers(len(drawn))]
             hint, name = task.hint, task.name
-            if wait := re.fullmatch(r'wait (\S+) s( until it arrives)?', hint):
+            wait = re.fullmatch(r'wait (\S+) s( until .*)?', hint)
+            if wait:
                 scene.later = max(LATER, PATIENCE * float(wait[1]))
+            first = errors(report)
             follow = Follower(scene).of(hint)
             if follow is None:
                 return kind_of(hint), None
@@ -247,7 +251,7 @@ def compare(scene: Scene, random: np.random.Generator
     arrived = {each.name for each in after.tasks if each.reached}
     return kind_of(hint), (
         any(each.reached for each in before.tasks if each.name == name),
-        name in arrived or then[name] < HELPED * without[name],
+        name in arrived or then[name] < HELPED * (first if wait else without)[name],
         any(then[each] > without[each] / HELPED + NEGLIGIBLE and each not in arrived
             for each in (name, *above)))
 

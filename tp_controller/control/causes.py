@@ -15,6 +15,7 @@ import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
 from tp_controller.control.joint_limits import LIMITS
@@ -177,22 +178,38 @@ class Causes:
                 removed = fewer
         return removed
 
+    def acts(self, evaluation: Evaluation, kind: str, name: str) -> bool:
+        """Return whether a task or limit acts on a task in the cycle that lasts, all in place."""
+        index = self.variants.level_index(evaluation)
+        if kind == TASK:
+            return True
+        if kind != BOUNDS:
+            at_bounds = _at_bounds(self.variants.cycle.bounds, self.variants.lasting.velocity)
+            return (kind, name) in [self.kind_and_name(each) for each in (
+                *self.active_limits(index), *at_bounds)]
+        return any(each.task.name == name for each, _ in self._active_rows(index))
+
+    def _active_rows(self, index: int) -> Iterator[tuple[Evaluation, NDArray[np.intp]]]:
+        """Yield each inequality task that acts on a level or above it, with its active rows."""
+        for level in self.variants.lasting.levels[:index + 1]:
+            for number, multipliers in level.row_multipliers.items():
+                first = 0
+                for other in self._evaluations[number]:
+                    rows = np.flatnonzero(multipliers[first:first + len(other.level.J)])
+                    first += len(other.level.J)
+                    if len(rows):
+                        yield other, rows
+
     def blocking_rows(self, evaluation: Evaluation, name: str) -> list[str]:
         """Return the names of the rows of an inequality task that block another task."""
         found: dict[str, None] = {}
         # Rows of joints that do not move the task block only others.
         moving = np.abs(evaluation.level.J).sum(axis=0)
         index = self.variants.level_index(evaluation)
-        for level in self.variants.lasting.levels[:index + 1]:
-            for number, multipliers in level.row_multipliers.items():
-                first = 0
-                for other in self._evaluations[number]:
-                    rows = multipliers[first:first + len(other.level.J)]
-                    first += len(rows)
-                    if other.task.name == name and other.row_names:
-                        found.update((other.row_names[row], None)
-                                     for row in np.flatnonzero(rows).tolist()
-                                     if np.abs(other.level.J[row]).dot(moving) > 0.0)
+        for other, rows in self._active_rows(index):
+            if other.task.name == name and other.row_names:
+                found.update((other.row_names[row], None) for row in rows.tolist()
+                             if np.abs(other.level.J[row]).dot(moving) > 0.0)
         return list(found)
 
     def of(self, evaluation: Evaluation) -> tuple[Cause, ...]:

@@ -14,12 +14,13 @@ from tp_controller.control.causes import (
     Cause,
     Causes,
     DAMPING,
+    IMMOVABLE,
     IMPOSSIBLE,
     missing,
+    NOTABLE_SHARE,
     SINGULARITY,
     TASK,
 )
-from tp_controller.control.error_minimum import SIGNIFICANT_SHARE
 from tp_controller.control.gains import gain_remark
 from tp_controller.control.joint_limits import JointLimit, LIMITS, VelocityLimit
 from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_reach, listed
@@ -33,6 +34,8 @@ from tp_controller.tasks.task import Evaluation
 HELPFUL_SHARE = 0.2
 # Share of its demand that a task misses at least where advice is of use.
 NOTABLE_LOSS = 0.1
+# End of the hint to wait where most of the error goes by itself.
+LESSENS = 'until most of its error is gone'
 # Factor of settings that are lowered.
 LOWERED = 0.1
 REDISTRIBUTE = 'set scaling to redistribute'
@@ -43,7 +46,7 @@ HINTS = {
     RESERVE: 'lower the setting reserve',
     BOUNDS: 'choose a goal that the bounds of {name} allow',
     SINGULARITY: 'move the robot away from the singularity',
-    IMPOSSIBLE: 'leave out the axes that the robot cannot move here',
+    IMPOSSIBLE: 'leave out {name}: the robot cannot move along or about {it} here',
     DAMPING: 'lower the setting damping',
 }
 # {kind: limit}, of those that last.
@@ -65,12 +68,20 @@ class Proposal(NamedTuple):
         Setup with the change.
     named : sequence of str
         Tasks at whose cost it may help.
+    alternative : str
+        Another change in its place, as the end of the sentence; mostly empty.
 
     """
 
     text: str
     setup: Setup
     named: Sequence[str] = ()
+    alternative: str = ''
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """Return the sentence in two parts, between which its cost belongs."""
+        return self.text, self.alternative
 
 
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], combined: Combined,
@@ -94,23 +105,52 @@ class _Adviser:
         self._evaluation, self._found, self._combined = evaluation, found, combined
         self._causes, self._roll_outs, self._setup = causes, roll_outs, roll_outs.setup
         self._own, self._usual = evaluation.task.name, usual
+        # With their setups, so that the identities of these stay theirs.
+        self._courses: dict[int, tuple[Setup, Course | None]] = {}
 
     def hint(self) -> str:
         """Return the time until the task arrives by itself, and the first change that helps."""
-        time, wait = self._usual.arrivals.get(self._own, math.inf), ''
-        if math.isfinite(time):
-            task = self._evaluation.task
-            wait = f'wait {float(f"{time:.0e}"):g} s' \
-                + ' until it arrives' * (task.has_position and not task.bounded)
+        wait = self._wait()
         if not wait and is_out_of_reach(self._evaluation, self._found, self._causes):
             return CHOOSE_ANOTHER
-        proposals = self._proposals() if time > HORIZON else self._limits(VelocityLimit)
-        change = next((each.text for each in proposals if self._helps(each)), '')
+        arrives = self._usual.arrives([self._own]) or LESSENS in wait
+        proposals = self._limits(VelocityLimit) if arrives else self._proposals()
+        change = next((self._with_cost(each) for each in proposals if self._helps(each)), '')
         return ', or '.join(filter(None, (wait, change)))
+
+    def _wait(self) -> str:
+        """Return the time until the task arrives by itself, or misses little; else empty."""
+        usual, task = self._usual, self._evaluation.task
+        time = usual.arrivals.get(self._own, math.inf)
+        if math.isfinite(time):
+            return f'wait {float(f"{time:.0e}"):g} s' \
+                + ' until it arrives' * (task.has_position and not task.bounded)
+        if usual.errors[self._own] <= HELPFUL_SHARE * usual.before[self._own]:
+            return f'wait {HORIZON:g} s {LESSENS}'
+        return ''
+
+    def _with_cost(self, proposal: Proposal) -> str:
+        """Return the text of a proposal, and which tasks are the worse for it."""
+        course, tasks = self._course(proposal.setup), proposal.setup.tasks
+        worse = [] if course is None else [
+            name for name in proposal.named if name not in course.arrivals
+            and tasks.get(name) is self._setup.tasks[name]  # and its goal
+            and self._usual.gains(name, course, HELPFUL_SHARE)]
+        if not worse:
+            return ''.join(proposal.texts)
+        its = 'its goal' if len(worse) == 1 else 'their goals'
+        verb = 'misses' if len(worse) == 1 else 'miss'
+        return f' ({listed(worse)} then {verb} {its})'.join(proposal.texts)
+
+    def _course(self, setup: Setup) -> Course | None:
+        """Return the course of the robot with a setup; see `RollOuts.course`."""
+        if id(setup) not in self._courses:
+            self._courses[id(setup)] = setup, self._roll_outs.course(setup)
+        return self._courses[id(setup)][1]
 
     def _helps(self, proposal: Proposal) -> bool:
         """Return whether a change helps enough, and makes no other task above worse."""
-        usual, course = self._usual, self._roll_outs.course(proposal.setup)
+        usual, course = self._usual, self._course(proposal.setup)
         if course is None:
             return False
         names = list(self._setup.tasks)
@@ -125,9 +165,13 @@ class _Adviser:
             yield Proposal(REDISTRIBUTE, self._setup.with_settings(scaling='redistribute'))
         together = self._combined()
         if len(together) > 1:
-            yield self._together(together)
+            tasks = [each for each in together if each[0] == TASK]
+            if len(tasks) < len(together):
+                yield from self._together(tasks)
+            yield from self._together(together)
         for cause in self._found:
-            yield from self._for_cause(cause)
+            if cause.share >= min(NOTABLE_SHARE, self._found[0].share):
+                yield from self._for_cause(cause)
         blocking = [name for kind, name in (*together, *[each[:2] for each in self._found])
                     if kind == TASK]
         if blocking:
@@ -136,7 +180,7 @@ class _Adviser:
     def _for_cause(self, cause: Cause) -> Iterator[Proposal]:
         """Yield changes that a cause suggests."""
         kind, setup = cause.kind, self._setup
-        text = HINTS.get(kind, '').format(name=cause.name, s='')
+        text = HINTS.get(kind, '').format(name=cause.name, s='', it='')
         if kind in LASTING_LIMITS:
             yield from self._limits(LASTING_LIMITS[kind])
         elif kind == TASK and self._leaves_joints:
@@ -149,9 +193,7 @@ class _Adviser:
         elif kind == SINGULARITY:
             yield Proposal(text, setup.in_middle(setup.robot.joint_names))
         elif kind == IMPOSSIBLE:
-            its = self._causes.movable(self._evaluation.level)
-            if its is not None:
-                yield Proposal(text, setup.with_part(self._own, its.U))
+            yield from self._without_axes()
 
     def _limits(self, limit: type[JointLimit]) -> Iterator[Proposal]:
         """Yield changes of all active limits of a kind that matter."""
@@ -161,13 +203,14 @@ class _Adviser:
             each for each in causes.active_limits(variants.level_index(self._evaluation))
             if each.limits[0] == limit.name]
         most = missing(level, variants.without(active)) \
-            + SIGNIFICANT_SHARE * missing(level, variants.lasting.velocity)
+            + NOTABLE_SHARE * missing(level, variants.lasting.velocity)
         names = [causes.kind_and_name(each)[1] for each in causes.fewest(level, active, most)]
         if not names:
             return
         text = _text(limit.name, names)
         if limit is not VelocityLimit:
-            yield Proposal(text.replace('a goal', 'an arm posture'), self._setup.in_middle(names))
+            yield Proposal(text.replace('choose a goal', 'begin at an arm posture'),
+                           self._setup.in_middle(names))
         yield Proposal(text, self._setup.without_limits(limit.key, names))
 
     def _exchange(self, name: str) -> Proposal:
@@ -178,18 +221,17 @@ class _Adviser:
                             setup.above(own, [name]), (name,))
         proposal = Proposal(f'exchange {name} and {own} in the stack', setup.exchanged(own, name),
                             (name,))
-        course = self._roll_outs.course(proposal.setup)
+        course = self._course(proposal.setup)
         if course is not None and not course.arrives((own, name)) and self._helps(proposal) \
                 and self._helps(self._fitting_goals(course, [name])):
-            text = f'{proposal.text}, or choose goals that are compatible'
-            return proposal._replace(text=text)
+            return proposal._replace(alternative=', or choose goals that are compatible')
         return proposal
 
     def _by_goals(self, blocking: Sequence[str]) -> Iterator[Proposal]:
         """Yield changes of the goals of tasks that block this one."""
         own, setup = self._own, self._setup
         first = setup.above(own, blocking)
-        course = self._roll_outs.course(first)
+        course = self._course(first)
         if course is None:
             return
         if course.arrives((own, *blocking)):
@@ -204,8 +246,8 @@ class _Adviser:
             f'choose goals of {listed([*blocking, self._own])} that are compatible',
             self._setup.with_goals_at(course.q, self._roll_outs.passive, blocking), blocking)
 
-    def _together(self, causes: Sequence[tuple[str, str]]) -> Proposal:
-        """Return the change of all that blocks the task together."""
+    def _together(self, causes: Sequence[tuple[str, str]]) -> Iterator[Proposal]:
+        """Yield the change of all that blocks the task together, if it can be changed."""
         own, setup, texts = self._own, self._setup, []
         tasks = [name for kind, name in causes if kind == TASK]
         if tasks and self._leaves_joints:
@@ -221,7 +263,21 @@ class _Adviser:
                     setup = setup.without(name)
             else:
                 setup = setup.with_settings(reserve=LOWERED * setup.settings.reserve)
-        return Proposal(', and '.join(texts), setup, tasks)
+        if texts:
+            yield Proposal(', and '.join(texts), setup, tasks)
+
+    def _without_axes(self) -> Iterator[Proposal]:
+        """Yield the task without its axes that the robot cannot move, if these are all."""
+        task, its = self._evaluation.task, self._causes.movable(self._evaluation.level)
+        names = getattr(task, 'axes', ())
+        if its is None or len(names) != task.rows:
+            return
+        shares = (its.U ** 2).sum(axis=1)
+        left_out = [name for name, share in zip(names, shares) if share <= IMMOVABLE]
+        if len(left_out) == task.rows - its.U.shape[1]:
+            text = HINTS[IMPOSSIBLE].format(name=listed(left_out),
+                                            it='it' if len(left_out) == 1 else 'them')
+            yield Proposal(text, self._setup.with_part(self._own, its.U))
 
     @property
     def _leaves_joints(self) -> bool:

@@ -126,6 +126,8 @@ def is_out_of_reach(evaluation: Evaluation, found: Sequence[Cause], causes: Caus
 def _limiting(evaluation: Evaluation, found: Sequence[Cause],
               together: Sequence[tuple[str, str]], causes: Causes) -> Iterator[Statement]:
     """Yield the statements about causes that limit a task, together and alone."""
+    # Limits and bounds that act only once the others are gone limit nothing now.
+    together = [each for each in together if causes.acts(evaluation, *each)] or together
     if together:
         yield Statement(_combined(together, causes), tuple([phrase(*each) for each in together]))
     alone = [cause for cause in found if (cause.kind, cause.name) not in together]

@@ -53,8 +53,8 @@ class Course(NamedTuple):
     arrivals : dict
         {task: time at which it arrives [s]}, for those that do; beyond the roll-out where the
         error still decreases at its end.
-    errors : dict
-        {task: error at the end}, in units of its tolerance.
+    errors, before : dict
+        {task: error} at the end and at the beginning, in units of its tolerance.
     q : ndarray (nq,)
         Last configuration [rad or m].
 
@@ -62,6 +62,7 @@ class Course(NamedTuple):
 
     arrivals: dict[str, float]
     errors: dict[str, float]
+    before: dict[str, float]
     q: Array
 
     def arrives(self, names: Iterable[str]) -> bool:
@@ -130,7 +131,7 @@ class RollOuts:
             still = still + run.period if dnrm2(last.velocity) < LEAST_SPEED else 0.0
             q = setup.robot.integrate(q, last.velocity, run.period)
             time += run.period
-        return Course(looks.arrivals(still >= REST_SECONDS), looks.errors, q)
+        return Course(looks.arrivals(still >= REST_SECONDS), looks.errors, looks.first, q)
 
     def _memory(self, setup: Setup, options: CycleOptions) -> CycleMemory:
         """Return the memory of the cycle, for other levels and options, at rest elsewhere."""
@@ -162,6 +163,11 @@ class _Looks:
             for name, each in measured.items() if each.reached}
         self._seen.append((time, self.errors))
         self.reached = len(self._since) == len(measured)
+
+    @property
+    def first(self) -> dict[str, float]:
+        """Return {task: error} at the beginning."""
+        return self._seen[0][1]
 
     def arrivals(self, at_rest: bool) -> dict[str, float]:
         """Return {task: time at which it arrives [s]}; see `Course`."""

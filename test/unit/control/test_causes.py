@@ -56,7 +56,8 @@ def test_task_above_that_takes_the_direction_is_named():
     assert tasks['left'].causes == () and tasks['left'].reason == tasks['left'].hint == ''
     assert kinds(tasks['right']) == [('task', 'left', 1.0)]
     assert tasks['right'].reason == 'blocked by left'
-    assert tasks['right'].hint == ('exchange left and right in the stack, or choose goals that '
+    assert tasks['right'].hint == ('exchange left and right in the stack (left then misses its '
+                                   'goal), or choose goals that '
                                    'are compatible')
 
 
@@ -94,7 +95,8 @@ def test_task_on_the_same_level_is_named_as_well():
 """, [0.0, 0.0, 0.0])
     assert kinds(tasks['left']) == [('task', 'right', 1.0)]
     assert kinds(tasks['right']) == [('task', 'left', 1.0)]
-    assert tasks['right'].hint == 'give left and right levels of their own, right first'
+    assert tasks['right'].hint == ('give left and right levels of their own, right first (left '
+                                   'then misses its goal)')
 
 
 def test_two_tasks_that_each_suffice_hold_back_together_and_none_alone():

@@ -562,7 +562,8 @@ def test_report_names_the_task_above_that_blocks_a_task():
         '- b: {type: joint, joints: [panda_joint1, panda_joint2], target: [0.5, 0.1]}\n')
     task = report_of(controller, 'b')
     assert task.reason == 'blocked by a'
-    assert task.hint == 'exchange a and b in the stack, or choose goals that are compatible'
+    assert task.hint == ('exchange a and b in the stack (a then misses its goal), or choose goals '
+                         'that are compatible')
     assert task.achieved_speed < task.demanded_speed
 
 

@@ -165,12 +165,13 @@ def test_what_blocks_together_is_changed_together():
 - a: {type: joint, joints: slide_x, target: [0.0]}
 - b: {type: position, frame: z, axes: x}
 - c: {type: joint, joints: slide_x, target: [0.5]}
-""")['c'] == 'put c above a and b'
+""")['c'] == 'put c above a and b (a and b then miss their goals)'
     assert hints("""
 - a: {type: joint, joints: slide_x, target: [2.0]}
 - c: {type: position, frame: z, axes: x}
 """, q=(2.0, 0.0, 0.0), goals={'c': [2.5, 0.0, 0.0]})['c'] == (
-        'put c above a, and choose a goal farther from the upper position limit of slide_x')
+        'put c above a, and choose a goal farther from the upper position limit of slide_x '
+        '(a then misses its goal)')
 
 
 def test_other_goals_are_not_advised_where_an_exchange_leads_both_tasks_to_theirs():
@@ -188,3 +189,36 @@ def test_other_goals_are_not_advised_where_an_exchange_leads_both_tasks_to_their
         command = controller.update(q, 0.02 * cycle)
         q = q + 0.02 * command.velocity
     assert command.report.tasks[1].hint == 'exchange tool and elbow in the stack'
+
+
+def test_limits_that_act_only_without_the_tasks_above_are_neither_a_reason_nor_to_be_raised():
+    robot = cartesian()
+    controller = Controller(robot, Stack.from_yaml("""
+- a: {type: joint, joints: slide_x, target: [0.0]}
+- b: {type: position, frame: z, axes: x}
+- c: {type: joint, joints: slide_x, target: [1.9], gain: 50}
+""", robot), NOW)
+    # Without a and b, c would move at 1 m/s, a hundredth of its demand.
+    task = controller.update([0.0, 0.0, 0.0], 0.0).report.tasks[2]
+    assert task.reason == 'blocked by a and b together'
+    assert task.hint == 'put c above a and b (a and b then miss their goals)'
+
+
+def test_axes_are_left_out_only_where_the_robot_cannot_move_along_axes_of_the_task():
+    # The elbow moves on a sphere about the shoulder; from the radius it is led back.
+    robot = robots.panda()
+    state = robot.state(robots.PANDA_READY)
+    there = state.pose('panda_link4')[:3, 3]
+    shoulder = state.pose('panda_link2')[:3, 3]
+    found = hints('- elbow: {type: position, frame: panda_link4}', robots.PANDA_READY,
+                  {'elbow': shoulder + 1.5 * (there - shoulder) + [0.0, 0.3, 0.0]}, robot)
+    assert 'leave out' not in found['elbow']
+
+
+def test_a_task_that_misses_little_in_ten_seconds_waits():
+    # It is blocked for the last centimetre only.
+    found = hints("""
+- wall: {type: joint_limits, margin: 0.01}
+- tool: {type: position, frame: z, axes: x, gain: 5}
+""", goals={'tool': [2.05, 0.0, 0.0]})
+    assert found['tool'] == 'wait 10 s until most of its error is gone'

@@ -130,7 +130,8 @@ def test_directions_that_a_task_leaves_out_are_neither_demanded_nor_missed():
     assert 'tool' not in rolled.unchanged.arrivals
     position = rolled.course(rolled.setup.with_part('tool', np.eye(6)[:, :3]))
     assert position.arrivals['tool'] <= HORIZON
-    assert report.tasks[0].hint == 'leave out the axes that the robot cannot move here'
+    assert report.tasks[0].hint == ('leave out rx, ry and rz: the robot cannot move along or '
+                                    'about them here')
 
 
 def test_tasks_of_other_packages_are_not_rolled_out(monkeypatch):
