@@ -59,7 +59,7 @@ def gain_limit(task: Task, period: float) -> tuple[float, str]:
     if decay_step(task, 0.0, period) is not None:
         return (STABLE_STEP / period,
                 '2/period, or its error would grow from cycle to cycle; '
-                f'{DELAY_SAFE_STEP:g}/period does not overshoot, a cycle late either')
+                f'{DELAY_SAFE_STEP:g}/period does not overshoot, even a cycle late')
     return MAX_NUMBER, ''
 
 
@@ -88,8 +88,8 @@ def gain_remark(task: Task, gain: Gain, period: float) -> GainRemark | None:
     return GainRemark(
         step, f'gain {step * rate:g}/s at {rate:g} Hz: after one cycle {1.0 - step:.2g} of the '
         f'error is left; {effect}',
-        f'a gain of at most {DELAY_SAFE_STEP * rate:.3g}/s does not overshoot, a cycle late '
-        'either (docs/method.md, time steps and gains); or raise the rate')
+        f'a gain of at most {DELAY_SAFE_STEP * rate:.3g}/s does not overshoot, even a cycle '
+        'late (docs/method.md, time steps and gains); or raise the rate')
 
 
 def check_gain(task: Task, gain: Gain, period: float) -> None:

@@ -24,7 +24,7 @@ from tp_controller.control.causes import (
 from tp_controller.control.gains import gain_remark
 from tp_controller.control.joint_limits import JointLimit, LIMITS, VelocityLimit
 from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_reach, listed
-from tp_controller.control.roll_out import Course, HORIZON, RollOuts
+from tp_controller.control.roll_out import Course, RollOuts
 from tp_controller.control.trial_setup import Setup
 from tp_controller.control.variants import Removable
 from tp_controller.control.velocity_limits import RESERVE
@@ -123,11 +123,10 @@ class _Adviser:
         usual, task = self._usual, self._evaluation.task
         time = usual.arrivals.get(self._own, math.inf)
         if math.isfinite(time):
-            return f'wait {float(f"{time:.0e}"):g} s' \
+            return f'wait {_seconds(time)}' \
                 + ' until it arrives' * (task.has_position and not task.bounded)
-        if usual.errors[self._own] <= HELPFUL_SHARE * usual.before[self._own]:
-            return f'wait {HORIZON:g} s {LESSENS}'
-        return ''
+        time = usual.time_to(self._own, HELPFUL_SHARE)
+        return f'wait {_seconds(time)} {LESSENS}' if math.isfinite(time) else ''
 
     def _with_cost(self, proposal: Proposal) -> str:
         """Return the text of a proposal, and which tasks are the worse for it."""
@@ -136,11 +135,14 @@ class _Adviser:
             name for name in proposal.named if name not in course.arrivals
             and tasks.get(name) is self._setup.tasks[name]  # and its goal
             and self._usual.gains(name, course, HELPFUL_SHARE)]
-        if not worse:
-            return ''.join(proposal.texts)
-        its = 'its goal' if len(worse) == 1 else 'their goals'
-        verb = 'misses' if len(worse) == 1 else 'miss'
-        return f' ({listed(worse)} then {verb} {its})'.join(proposal.texts)
+        later = [] if worse or course is None else [
+            name for name in proposal.named
+            if self._usual.arrives([name]) and not course.arrives([name])]
+        one = len(worse or later) == 1
+        verb = ('misses its goal' if one else 'miss their goals') if worse \
+            else 'arrives later' if one else 'arrive later'
+        cost = f' ({listed(worse or later)} then {verb})' if worse or later else ''
+        return cost.join(proposal.texts)
 
     def _course(self, setup: Setup) -> Course | None:
         """Return the course of the robot with a setup; see `RollOuts.course`."""
@@ -234,11 +236,13 @@ class _Adviser:
         course = self._course(first)
         if course is None:
             return
-        if course.arrives((own, *blocking)):
+        passed = [name for name in setup.passed(own, blocking) if name not in blocking]
+        if course.arrives((own, *blocking, *passed)):
             yield Proposal(f'put {own} above {listed(blocking)} until all are there: their '
                            'goals are compatible', first, blocking)
         else:
-            yield self._fitting_goals(course, blocking)
+            left = [name for name in passed if not course.arrives([name])]
+            yield self._fitting_goals(course, [*blocking, *left])
 
     def _fitting_goals(self, course: Course, blocking: Sequence[str]) -> Proposal:
         """Return the proposal to set the goals of tasks where they end up in a course."""
@@ -284,6 +288,11 @@ class _Adviser:
         """Return whether the task would leave a motion of the joints to tasks below it."""
         J = self._evaluation.level.J
         return bool(np.linalg.matrix_rank(J) < J.shape[1])
+
+
+def _seconds(time: float) -> str:
+    """Return a time [s] as text, with one digit below 10 s."""
+    return f'{time:.0f} s' if time > 10.0 else f'{float(f"{time:.0e}"):g} s'
 
 
 def _text(kind: str, names: Sequence[str]) -> str:

@@ -53,21 +53,32 @@ class Course(NamedTuple):
     arrivals : dict
         {task: time at which it arrives [s]}, for those that do; beyond the roll-out where the
         error still decreases at its end.
-    errors, before : dict
-        {task: error} at the end and at the beginning, in units of its tolerance.
+    errors : dict
+        {task: error at the end}, in units of its tolerance.
     q : ndarray (nq,)
         Last configuration [rad or m].
+    seen : list of (float, dict)
+        Times [s] and the errors then.
 
     """
 
     arrivals: dict[str, float]
     errors: dict[str, float]
-    before: dict[str, float]
     q: Array
+    seen: list[tuple[float, dict[str, float]]]
 
     def arrives(self, names: Iterable[str]) -> bool:
         """Return whether tasks arrive in the course of the roll-out."""
         return all(self.arrivals.get(name, math.inf) <= HORIZON for name in names)
+
+    def time_to(self, name: str, share: float) -> float:
+        """Return the time from which at most a share of the error is left [s]; else infinity."""
+        most, found = share * self.seen[0][1][name], math.inf
+        for time, errors in reversed(self.seen):
+            if errors[name] > most:
+                break
+            found = time
+        return found
 
     def gains(self, name: str, other: 'Course', share: float) -> bool:
         """Return whether a task misses less than in another course, by a share, or is earlier."""
@@ -131,7 +142,7 @@ class RollOuts:
             still = still + run.period if dnrm2(last.velocity) < LEAST_SPEED else 0.0
             q = setup.robot.integrate(q, last.velocity, run.period)
             time += run.period
-        return Course(looks.arrivals(still >= REST_SECONDS), looks.errors, looks.first, q)
+        return Course(looks.arrivals(still >= REST_SECONDS), looks.errors, q, looks.seen)
 
     def _memory(self, setup: Setup, options: CycleOptions) -> CycleMemory:
         """Return the memory of the cycle, for other levels and options, at rest elsewhere."""
@@ -148,31 +159,26 @@ class _Looks:
     def __init__(self) -> None:
         self.errors: dict[str, float] = {}
         self.reached = False
-        self._seen: list[tuple[float, dict[str, float]]] = []
+        self.seen: list[tuple[float, dict[str, float]]] = []
         self._since: dict[str, float] = {}
 
     def look(self, solved: SolvedCycle, time: float) -> None:
         """Note the errors in a cycle at a time [s], unless the last ones are recent."""
-        if self._seen and time < (1.0 + LOOK_SHARE) * self._seen[-1][0]:
+        if self.seen and time < (1.0 + LOOK_SHARE) * self.seen[-1][0]:
             return
-        before, earlier = self._seen[-1] if self._seen else (time, {})
+        before, earlier = self.seen[-1] if self.seen else (time, {})
         measured = MeasuredCycle(solved).by_name()
         self.errors = {name: _size(each) for name, each in measured.items()}
         self._since = {name: self._since.get(name) or _time_of_arrival(
             before, earlier.get(name, 1.0), time, self.errors[name])
             for name, each in measured.items() if each.reached}
-        self._seen.append((time, self.errors))
+        self.seen.append((time, self.errors))
         self.reached = len(self._since) == len(measured)
-
-    @property
-    def first(self) -> dict[str, float]:
-        """Return {task: error} at the beginning."""
-        return self._seen[0][1]
 
     def arrivals(self, at_rest: bool) -> dict[str, float]:
         """Return {task: time at which it arrives [s]}; see `Course`."""
-        found, (now, errors) = dict(self._since), self._seen[-1]
-        before, earlier = next(seen for seen in self._seen if seen[0] >= 0.8 * now)
+        found, (now, errors) = dict(self._since), self.seen[-1]
+        before, earlier = next(seen for seen in self.seen if seen[0] >= 0.8 * now)
         for name, error in errors.items():
             time = _time_of_arrival(before, earlier[name], now, error)
             if name not in found and not at_rest and error < earlier[name] \

@@ -132,7 +132,7 @@ def test_a_tolerance_that_is_set_is_that_of_the_status(rig):
     ({'tasks.swing.gain': float('nan')}, 'must be from 0 to 200, not nan'),
     ({'tasks.swing.gain': float('inf')}, 'must be from 0 to 200, not inf'),
     ({'tasks.swing.gain': 500.0}, 'must be from 0 to 200, not 500.0 (at most 2/period, or its '
-     'error would grow from cycle to cycle; 0.25/period does not overshoot, a cycle late either)'),
+     'error would grow from cycle to cycle; 0.25/period does not overshoot, even a cycle late)'),
     ({'tasks.both.gain': [1.0, 500.0]}, 'gain 500 of task both must be at most 2/period = 200'),
     ({'tasks.both.gain': [1.0]}, 'one for each of the 2 rows, got 1'),
     ({'tasks.both.gain': [1.0, float('nan')]}, 'gain of task both needs a number'),

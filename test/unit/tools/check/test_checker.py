@@ -170,7 +170,7 @@ def test_gain_that_a_controller_refuses_is_wrong_once():
     assert [each.kind for each in findings] == ['fault']
     assert findings[0].message == (
         'gain 300 of task angle must be at most 2/period = 200, or its error would grow from '
-        'cycle to cycle; 0.25/period does not overshoot, a cycle late either')
+        'cycle to cycle; 0.25/period does not overshoot, even a cycle late')
 
 
 @pytest.mark.parametrize(('gain', 'told', 'change'), [
