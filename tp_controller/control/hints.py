@@ -131,13 +131,14 @@ class _Adviser:
     def _with_cost(self, proposal: Proposal) -> str:
         """Return the text of a proposal, and which tasks are the worse for it."""
         course, tasks = self._course(proposal.setup), proposal.setup.tasks
-        worse = [] if course is None else [
-            name for name in proposal.named if name not in course.arrivals
-            and tasks.get(name) is self._setup.tasks[name]  # and its goal
-            and self._usual.gains(name, course, HELPFUL_SHARE)]
-        later = [] if worse or course is None else [
-            name for name in proposal.named
-            if self._usual.arrives([name]) and not course.arrives([name])]
+        if course is None:
+            return proposal.text
+        # Those that keep their goals.
+        named = [name for name in proposal.named if tasks.get(name) is self._setup.tasks[name]]
+        worse = [name for name in named if name not in course.arrivals
+                 and self._usual.gains(name, course, HELPFUL_SHARE)]
+        later = [] if worse else [name for name in named if self._usual.arrives([name])
+                                  and not course.arrives([name])]
         one = len(worse or later) == 1
         verb = ('misses its goal' if one else 'miss their goals') if worse \
             else 'arrives later' if one else 'arrive later'
