@@ -90,6 +90,7 @@ TOPICS = {
     '~/status': '[status](docs/ros.md#status) of the node and each task',
     '/diagnostics': 'the same once a second, where ROS tools look for it',
     '~/<task>/numbers': '[numbers](docs/ros.md#plots) of a task: error, tolerance, speeds',
+    '~/<task>/transform': '[pose](docs/ros.md#poses) of the frame that a task moves',
     '~/markers': '[markers](docs/ros.md#markers) of the tasks, for RViz and the browser',
     '~/stop': 'stop the robot until `~/start`, [ramped](docs/safety.md#stops) where told',
     '~/start': 'move again; tasks without a goal take their current value as the goal',
@@ -125,6 +126,11 @@ TELEOP_TOPICS = {
     'joy': 'axes and buttons of the device; the name is the parameter `joy_topic`',
     '/tp_controller/tool/twist': 'twist of the task; the names are the parameters `controller` '
                                  'and `task`',
+    'pose': 'poses of the device; the name is the parameter `pose_topic`',
+    'clutch': 'dead-man switch of a device that sends poses; the name is the parameter '
+              '`dead_man_topic`',
+    '/tp_controller/tool/transform': 'pose of the tool, for a device that sends poses',
+    '/tp_controller/tool/goal': 'goal of the task, by a device that sends poses',
     '~/status': '`driving`, or the reason for which nothing moves, ten times a second and when '
                 'it changes',
     '~/gripper': 'state of the button `gripper`, when it changes',
@@ -424,7 +430,8 @@ def interfaces(node):
         starts = ({'base': 'planar'},)
     elif node == 'teleop':
         from tp_controller.tools.teleop.teleop_node import TeleopNode as Node
-        starts = ({'x': 'axis 1', 'gripper': 'button 0'},)
+        starts = ({'x': 'axis 1', 'gripper': 'button 0'},
+                  {'pose_topic': 'pose', 'dead_man_topic': 'clutch'})
     else:
         from tp_controller.ros.simulator_node import SimulatorNode as Node
         starts = ({**robot, 'publish_clock': True},)

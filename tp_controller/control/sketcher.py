@@ -1,17 +1,19 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sketches of the tasks of a controller, made outside of its cycles."""
+"""Sketches and poses of the tasks of a controller, made outside of its cycles."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import islice
 import time
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from numpy.typing import ArrayLike
 from tp_controller.control.controller import Controller
 from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import Array, pose
+from tp_controller.tasks.frame import FrameTask, RelativeFrame
 from tp_controller.tasks.sketch import Sketch
 from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import MAX_SLOW_CYCLES, raised
@@ -24,6 +26,14 @@ MOST_PARTS = 200
 # Time limit of a sketch [s]. A task that exceeds it `MAX_SLOW_CYCLES` times in a row is no longer
 # drawn: it would delay the other reports. The tasks of this package take milliseconds.
 SKETCH_SECONDS = 0.2
+
+
+class FramePose(NamedTuple):
+    """Pose of the frame of a task: T_reference_frame (4, 4), and both names."""
+
+    reference: str
+    frame: str
+    T: Array
 
 
 class Sketcher:
@@ -42,7 +52,8 @@ class Sketcher:
     """
 
     def __init__(self, robot: Robot, refused: Callable[[str, str], object]) -> None:
-        self._state, self._refused = robot.state(robot.neutral()), refused
+        self._robot, self._refused = robot, refused
+        self._state = robot.state(robot.neutral())
         # Number of times in a row that each task exceeded the time limit.
         self._late: Counter[Task] = Counter()
 
@@ -70,14 +81,34 @@ class Sketcher:
             `place` is not a valid configuration.
 
         """
-        place = place or controller.configuration()
-        if place is None:
+        if not self._move(controller, place):
             return {}
-        self._state.update(*place)
         # Tasks of another stack start with a count of zero.
         for task in self._late.keys() - set(controller.stack.tasks.values()):
             del self._late[task]
         return {task.name: self._parts(task) for task in controller.stack.active_tasks}
+
+    def poses(self, controller: Controller, names: Iterable[str],
+              place: Configuration | None = None) -> Mapping[str, FramePose]:
+        """Return {task: FramePose} of some tasks about a frame; the rest as in `sketch`."""
+        if not self._move(controller, place):
+            return {}
+        tasks = controller.stack.tasks
+        return {name: self._pose_of(task) for name in names
+                if isinstance(task := tasks.get(name), FrameTask)}
+
+    def _pose_of(self, task: FrameTask) -> FramePose:
+        """Return the pose of the frame of a task."""
+        motion = RelativeFrame(self._robot, task.frame, task.reference)
+        return FramePose(task.reference, task.frame,
+                         pose(motion.rotation(self._state), motion.position(self._state)))
+
+    def _move(self, controller: Controller, place: Configuration | None) -> bool:
+        """Move the state to a configuration; return False while it is unknown."""
+        place = place or controller.configuration()
+        if place is not None:
+            self._state.update(*place)
+        return place is not None
 
     def _parts(self, task: Task) -> list[Sketch]:
         """Return the sketch of a task; [] if it fails or exceeds the time limit."""

@@ -1,16 +1,19 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the controller publishes: status, diagnostics and numbers."""
+"""What the controller publishes: status, diagnostics, numbers and poses."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PointStamped, PoseStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, TransformStamped
 from harness import Arm, Status
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from robots import PLANAR_DH
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
+from tp_controller.model.robot import Robot
+from tp_controller.model.spatial import rotation_from_quaternion
 from tp_controller.ros.client.goal_fields import make_message
 from tp_controller.ros.client.status import received, TaskStatus
 
@@ -319,3 +322,27 @@ def test_numbers_follow_the_stack_and_cost_nothing_where_nobody_listens(harness,
     rig.controller.trigger_deactivate()
     rig.controller.trigger_cleanup()
     harness.spin_until(lambda: topics() == set())
+
+
+def test_the_pose_of_a_frame_is_that_of_the_robot_even_if_it_is_stopped(harness):
+    rig = Rig(harness, stack='- hand: {type: relative_pose, frame: link3, reference: link1}\n'
+                             '- rest: {type: posture}')
+    robot = Robot.from_file(PLANAR_DH)
+    poses = harness.record(TransformStamped, '/tp_controller/hand/transform')
+    assert not harness.node.count_publishers('/tp_controller/rest/transform')
+
+    def shows(q):
+        state = robot.state(q)
+        R = state.rotation('link1').T
+        shift, turn = poses[-1].transform.translation, poses[-1].transform.rotation
+        return np.allclose([shift.x, shift.y, shift.z], R @ (
+            state.position('link3') - state.position('link1'))) and np.allclose(
+            rotation_from_quaternion([turn.x, turn.y, turn.z, turn.w]),
+            R @ state.rotation('link3'))
+
+    rig.spin_until(lambda: poses and shows(Q))
+    assert (poses[-1].header.frame_id, poses[-1].child_frame_id) == ('link1', 'link3')
+    assert poses[-1].header.stamp.sec > 0
+    harness.trigger('stop')
+    rig.arm.q = [0.5, -0.4, 0.2]
+    rig.spin_until(lambda: shows(rig.arm.q))

@@ -3,7 +3,7 @@
 
 """Reporting of tasks and loop: status, diagnostics and markers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from tp_controller.control.report import Report
-from tp_controller.control.sketcher import Sketcher
+from tp_controller.control.sketcher import Configuration, FramePose, Sketcher
 from tp_controller.control.task_report import TaskReport
 from tp_controller.errors import RobotError
 from tp_controller.ros.interface.interactive_goals import InteractiveGoals
@@ -20,6 +20,7 @@ from tp_controller.ros.interface.recent_hints import RecentHints
 from tp_controller.ros.interface.status import diagnostics, task_reports
 from tp_controller.ros.interface.task_numbers import TaskNumbers
 from tp_controller.ros.interface.task_topics import GoalRecord, TaskTopics
+from tp_controller.ros.interface.task_transforms import TaskTransforms
 from tp_controller.ros.log import Log
 from tp_controller.ros.loop.clocks import boot_time
 from tp_controller.ros.loop.control_loop import ControlLoop
@@ -65,7 +66,7 @@ class Reporter:
         self._waits_since = math.inf
         self._status = node.create_publisher(DiagnosticArray, '~/status', 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._numbers = TaskNumbers(node)
+        self._numbers, self._transforms = TaskNumbers(node), TaskTransforms(node)
         self._drawn = node.create_publisher(MarkerArray, '~/markers', 10)
         self._markers = Markers(1.0 / rate, self._log_undrawn)
         self._sketcher: Sketcher | None = None
@@ -92,19 +93,22 @@ class Reporter:
         self._hints.forget()
         if self._controller is not None:
             self._numbers.follow(self._controller.stack.tasks)
+            self._transforms.follow(self._controller.stack.tasks)
 
     def leave(self, reason: str) -> None:
         """Report that there is no loop, for a reason."""
         self._numbers.follow(())
+        self._transforms.follow({})
         self._controller = self._loop = self._topics = self._sketcher = None
         self._goals.follow(None)
         self.reason = reason
 
     def publish(self) -> None:
-        """Publish status, numbers and markers, each if it has subscribers."""
+        """Publish status, numbers, poses and markers, each if it has subscribers."""
         self._waits_since = math.inf
         self._publish_status(self._status)
         self._numbers.publish(self._reports)
+        self._transforms.publish(self._poses)
         self._draw()
 
     def publish_reason(self, reason: str) -> None:
@@ -129,16 +133,28 @@ class Reporter:
         if dragged:
             self._goals.show(root, tasks, sketches)
 
+    def _poses(self, names: Collection[str]) -> Mapping[str, FramePose]:
+        """Return the poses of the frames of some tasks."""
+        if self._sketcher is None or self._controller is None:
+            return {}
+        try:
+            return self._sketcher.poses(self._controller, names, self._place())
+        except RobotError:
+            return {}
+
     def _sketches(self, sketcher: Sketcher, controller: SharedController
                   ) -> Mapping[str, list[Sketch]]:
-        """Return the sketches; a stopped robot may be moved by other means."""
-        loop = self._loop
+        """Return the sketches."""
         try:
-            return sketcher.sketch(
-                controller, loop.measurements.place() if loop and loop.stop_reason else None)
+            return sketcher.sketch(controller, self._place())
         except RobotError:
             # Invalid joint states, for example; the status has the reason.
             return {}
+
+    def _place(self) -> Configuration | None:
+        """Return the configuration of a stopped robot, which may be moved by other means."""
+        loop = self._loop
+        return loop.measurements.place() if loop and loop.stop_reason else None
 
     def _log_undrawn(self, task: str, reason: str) -> None:
         """Log the reason for which a task cannot be drawn, once."""

@@ -7,9 +7,9 @@ from collections.abc import Callable, Collection, Iterable
 import math
 
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from tp_controller.control.task_report import TaskReport
+from tp_controller.ros.interface.task_publishers import TaskPublishers
 
 NUMBERS_TOPIC = 'numbers'
 # Separator of the names of the numbers.
@@ -29,21 +29,15 @@ class TaskNumbers:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._publishers: dict[str, Publisher] = {}
+        self._publishers = TaskPublishers(node, Float64MultiArray, NUMBERS_TOPIC)
 
     def follow(self, names: Collection[str]) -> None:
         """Create topics for some tasks, and destroy those of all others."""
-        for name in set(self._publishers) - set(names):
-            self._node.destroy_publisher(self._publishers.pop(name))
-        for name in names:
-            if name not in self._publishers:
-                self._publishers[name] = self._node.create_publisher(
-                    Float64MultiArray, f'~/{name}/{NUMBERS_TOPIC}', 10)
+        self._publishers.follow(names)
 
     def publish(self, reports: Callable[[], Iterable[TaskReport]]) -> None:
         """Publish the reports of the tasks whose topics have subscribers."""
-        subscribed = {name: publisher for name, publisher in self._publishers.items()
-                      if publisher.get_subscription_count()}
+        subscribed = self._publishers.subscribed()
         if subscribed:
             stamp = 1e-9 * self._node.get_clock().now().nanoseconds
             for report in reports():
