@@ -3,13 +3,13 @@
 
 """Dead-man switch: motion only while it is pressed and every stream of the device is alive."""
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 import math
 
 TIMEOUT = 'timeout'
+AGAIN = 'open the dead-man switch once, then press it'
 # Reasons for which nothing moves: the switch is open; it was pressed too early.
-SWITCH = (f'{TIMEOUT}: dead-man switch not pressed',
-          f'{TIMEOUT}: open the dead-man switch once, then press it')
+SWITCH = f'{TIMEOUT}: dead-man switch not pressed', f'{TIMEOUT}: {AGAIN}'
 # The same of a device without a switch.
 DEFLECTION = 'at rest', f'{TIMEOUT}: bring the device to rest once'
 
@@ -23,10 +23,9 @@ class DeadManSwitch:
 
     Parameters
     ----------
-    streams : iterable of str
-        Names of the streams that all have to be alive.
-    timeout : float
-        Age of the last input from which a stream counts as lost [s].
+    timeouts : mapping
+        {name: age of the last input from which it counts as lost [s]} of the streams, which all
+        have to be alive.
     ramp : float
         Time from the press to full speed [s].
     open_first : bool
@@ -36,14 +35,16 @@ class DeadManSwitch:
 
     """
 
-    def __init__(self, streams: Iterable[str], timeout: float, ramp: float,
+    def __init__(self, timeouts: Mapping[str, float], ramp: float = 0.0,
                  open_first: bool = True, texts: tuple[str, str] = SWITCH) -> None:
-        self._received = dict.fromkeys(streams, -math.inf)
-        self._timeout, self._ramp, self._texts = timeout, ramp, texts
+        self._received = dict.fromkeys(timeouts, -math.inf)
+        self._timeouts, self._ramp, self._texts = timeouts, ramp, texts
         self._open_first = open_first
         self._was_open = self._pressed = False
         # Time of the press [s]; None while the switch does not count as pressed.
         self._since: float | None = None
+        # Reason for which it was opened, until it is not pressed.
+        self._opened = ''
 
     def receive(self, stream: str, now: float) -> None:
         """Record an input of a stream at a time [s]."""
@@ -54,9 +55,18 @@ class DeadManSwitch:
         """Record the state of the switch at a time [s]."""
         self._pressed = pressed
         if not pressed:
-            self._was_open, self._since = True, None
+            self._was_open, self._since, self._opened = True, None, ''
         elif self._was_open and self._since is None:
             self._since = now
+
+    def open_for(self, reason: str) -> None:
+        """Open the switch for a reason: it has to be open once before it counts as pressed."""
+        self._was_open, self._since, self._opened = False, None, reason
+
+    def alive(self, stream: str, now: float) -> bool:
+        """Return whether a stream is not lost at a time [s]."""
+        # A clock that was set back must not extend an old input either.
+        return abs(now - self._received[stream]) <= self._timeouts[stream]
 
     def closed(self, now: float) -> bool:
         """Return whether the device moves the robot at a time [s]."""
@@ -77,14 +87,14 @@ class DeadManSwitch:
         if lost:
             silent = math.isinf(self._received[lost])
             return f'{TIMEOUT}: no input on {lost}' \
-                + ('' if silent else f' for {self._timeout:g} s')
+                + ('' if silent else f' for {self._timeouts[lost]:g} s')
+        if self._opened:
+            return f'{TIMEOUT}: {self._opened}; {AGAIN}'
         return '' if self._since is not None else self._texts[self._pressed]
 
     def _lost(self, now: float) -> str:
         """Return the name of a stream that is lost; empty if there is none."""
-        # A clock that was set back must not extend an old input either.
-        return next((stream for stream, received in self._received.items()
-                     if not abs(now - received) <= self._timeout), '')
+        return next((stream for stream in self._received if not self.alive(stream, now)), '')
 
     def _check(self, now: float) -> None:
         """Open the switch if a stream is lost."""

@@ -49,7 +49,7 @@ class Drive:
         self._joy_drives = any(self._sources)
         self._dead_man, self.scaling, self._unitless = dead_man, scaling, unitless
         streams = [JOY] * bool(self._joy_drives or dead_man) + [TWIST] * (not self._joy_drives)
-        self._switch = DeadManSwitch(streams, timeout, ramp, rest_first,
+        self._switch = DeadManSwitch(dict.fromkeys(streams, timeout), ramp, rest_first,
                                      SWITCH if dead_man else DEFLECTION)
         self._deflection = np.zeros(6)
         self._zeros = 0
@@ -95,6 +95,10 @@ class Drive:
         if not self._zeros:
             return None
         self._zeros -= 1
+        return self.rest()
+
+    def rest(self) -> Array:
+        """Return the twist (6,) to stay."""
         return np.zeros(6)
 
     def closed(self, now: float) -> bool:

@@ -195,7 +195,7 @@ def test_damaged_input_is_logged_and_counts_as_lost(harness, log):
 
 @pytest.mark.parametrize(('parameters', 'told'), [
     ({'x': 'axle 1', 'dead_man': 'button'}, "parameter x: 'axle 1' is not a sum .* dead_man"),
-    ({'x': '', 'rz': ''}, 'no input: one of the parameters x, y, z, rx, ry, rz or twist_topic'),
+    ({'x': '', 'rz': ''}, 'no input: one of the parameters x, y, z, rx, ry, rz, twist_topic or'),
     ({'timeout': 0.0}, 'parameter timeout must be from 0.01 to 10')])
 def test_a_faulty_parameter_is_refused_with_its_name(harness, parameters, told):
     with pytest.raises(SettingsError, match=told):

@@ -13,7 +13,7 @@ OPEN, AGAIN = SWITCH
 
 def switch(ramp=0.0, streams=('joy',)):
     """Return a switch that was open at 0 s."""
-    made = DeadManSwitch(streams, 0.2, ramp)
+    made = DeadManSwitch(dict.fromkeys(streams, 0.2), ramp)
     for stream in streams:
         made.receive(stream, 0.0)
     made.press(False, 0.0)
@@ -30,7 +30,7 @@ def test_a_press_moves_and_opening_stops():
 
 
 def test_a_switch_that_is_pressed_at_the_start_has_to_be_opened():
-    each = DeadManSwitch(['joy'], 0.2, 0.0)
+    each = DeadManSwitch({'joy': 0.2})
     assert each.reason(0.0) == 'timeout: no input on joy'
     for pressed, share, reason in ((True, 0.0, AGAIN), (False, 0.0, OPEN), (True, 1.0, '')):
         each.receive('joy', 0.1)
@@ -61,7 +61,7 @@ def test_a_loss_that_nobody_looked_at_counts():
 
 
 def test_a_switch_that_need_not_be_open_first_counts_from_its_first_message():
-    each = DeadManSwitch(['joy'], 0.2, 0.0, open_first=False)
+    each = DeadManSwitch({'joy': 0.2}, open_first=False)
     for now in (0.0, 1.0):
         each.receive('joy', now)
         each.press(True, now)
