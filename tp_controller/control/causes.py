@@ -224,7 +224,8 @@ class Causes:
         now = missing(level, self._outcome.velocity)
         lasting = missing(level, self.variants.lasting.velocity)
         for kind, name, gained in self._candidates(evaluation, now, lasting):
-            share = gained / max(now, lasting)
+            # Before joints have accelerated, more may be missing than now and later.
+            share = min(gained / max(now, lasting), 1.0)
             if share > SIGNIFICANT_SHARE:
                 found.append(Cause(kind, name, share))
         return tuple(sorted(found, key=lambda cause: -cause.share))

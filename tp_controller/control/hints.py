@@ -13,6 +13,7 @@ from tp_controller.control.causes import (
     BOUNDS,
     Cause,
     Causes,
+    CURVED,
     DAMPING,
     IMMOVABLE,
     IMPOSSIBLE,
@@ -21,7 +22,7 @@ from tp_controller.control.causes import (
     SINGULARITY,
     TASK,
 )
-from tp_controller.control.gains import gain_remark
+from tp_controller.control.gains import DELAY_SAFE_STEP, gain_remark
 from tp_controller.control.joint_limits import JointLimit, LIMITS, VelocityLimit
 from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_reach, listed
 from tp_controller.control.roll_out import Course, RollOuts
@@ -45,7 +46,7 @@ HINTS = {
     **{limit.name: limit.hint for limit in LIMITS},
     RESERVE: 'lower the setting reserve',
     BOUNDS: 'choose a goal that the bounds of {name} allow',
-    SINGULARITY: 'move the robot away from the singularity',
+    SINGULARITY: 'begin at another arm posture, away from the singularity',
     IMPOSSIBLE: 'leave out {name}: the robot cannot move along or about {it} here',
     DAMPING: 'lower the setting damping',
 }
@@ -113,8 +114,7 @@ class _Adviser:
         wait = self._wait()
         if not wait and is_out_of_reach(self._evaluation, self._found, self._causes):
             return CHOOSE_ANOTHER
-        arrives = self._usual.arrives([self._own]) or LESSENS in wait
-        proposals = self._limits(VelocityLimit) if arrives else self._proposals()
+        proposals = self._limits(VelocityLimit) if wait else self._proposals()
         change = next((self._with_cost(each) for each in proposals if self._helps(each)), '')
         return ', or '.join(filter(None, (wait, change)))
 
@@ -129,7 +129,7 @@ class _Adviser:
         return f'wait {_seconds(time)} {LESSENS}' if math.isfinite(time) else ''
 
     def _with_cost(self, proposal: Proposal) -> str:
-        """Return the text of a proposal, and which tasks are the worse for it."""
+        """Return the text of a proposal, and which tasks miss their goals all the same."""
         course, tasks = self._course(proposal.setup), proposal.setup.tasks
         if course is None:
             return proposal.text
@@ -139,11 +139,16 @@ class _Adviser:
                  and self._usual.gains(name, course, HELPFUL_SHARE)]
         later = [] if worse else [name for name in named if self._usual.arrives([name])
                                   and not course.arrives([name])]
-        one = len(worse or later) == 1
-        verb = ('misses its goal' if one else 'miss their goals') if worse \
-            else 'arrives later' if one else 'arrive later'
-        cost = f' ({listed(worse or later)} then {verb})' if worse or later else ''
-        return cost.join(proposal.texts)
+        costs = []
+        if self._own not in course.arrivals:
+            its = 'bounds' if self._evaluation.task.bounded else 'goal'
+            costs.append(f'{self._own} then misses its {its} by less')
+        if worse or later:
+            one, then = len(worse or later) == 1, '' if costs else 'then '
+            verb = ('misses its goal' if one else 'miss their goals') if worse \
+                else 'arrives later' if one else 'arrive later'
+            costs.append(f'{listed(worse or later)} {then}{verb}')
+        return (f' ({", ".join(costs)})' if costs else '').join(proposal.texts)
 
     def _course(self, setup: Setup) -> Course | None:
         """Return the course of the robot with a setup; see `RollOuts.course`."""
@@ -197,6 +202,8 @@ class _Adviser:
             yield Proposal(text, setup.in_middle(setup.robot.joint_names))
         elif kind == IMPOSSIBLE:
             yield from self._without_axes()
+        elif kind == CURVED:
+            yield from self._lower_gain()
 
     def _limits(self, limit: type[JointLimit]) -> Iterator[Proposal]:
         """Yield changes of all active limits of a kind that matter."""
@@ -270,6 +277,14 @@ class _Adviser:
                 setup = setup.with_settings(reserve=LOWERED * setup.settings.reserve)
         if texts:
             yield Proposal(', and '.join(texts), setup, tasks)
+
+    def _lower_gain(self) -> Iterator[Proposal]:
+        """Yield a lower gain of the task, if its gain is doubtful."""
+        task, period = self._evaluation.task, self._causes.period
+        doubt = gain_remark(task, task.gain, period)
+        if doubt:
+            yield Proposal(doubt.change, self._setup.with_gain(
+                self._own, DELAY_SAFE_STEP / period))
 
     def _without_axes(self) -> Iterator[Proposal]:
         """Yield the task without its axes that the robot cannot move, if these are all."""

@@ -96,6 +96,12 @@ class Setup(NamedTuple):
         return self._with({name: tasks[name].with_goal(tasks[name].value(state))
                            for name in names})
 
+    def with_gain(self, name: str, gain: float) -> 'Setup':
+        """Return the setup with another gain of a task [1/s]."""
+        task = self.tasks[name].probe()
+        task.set_gain(gain)
+        return self._with({name: task})
+
     def with_part(self, name: str, U: Array) -> 'Setup':
         """Return the setup with a task that demands nothing but the directions U (m, k)."""
         task = self.tasks[name].probe()

@@ -93,7 +93,7 @@ class Causes {
  private:
   // Add a cause by the size of the residual that disappears without it.
   void add_cause(int kind, int index, double gained) {
-    const double share = gained / size_;
+    const double share = std::min(gained / size_, 1.0);
     if (share > SIGNIFICANT_SHARE) found_.push_back({kind, index, share});
   }
 
