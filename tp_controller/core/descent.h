@@ -14,12 +14,18 @@
 namespace {
 
 // Constants of the reference.
-constexpr double MET = 1e-13, KEPT = 1e-12, SLACK = 1e-6;
+constexpr double MET = 1e-13, KEPT = 5e-7;
 constexpr double FIRST_RADIUS = 0.6, LARGEST_RADIUS = 1.5, LEAST_RADIUS = 1e-5;
 constexpr double LEAST_GAIN = 0.05, WELL_PREDICTED = 0.7, SHRINK = 0.35, GROW = 2.0;
 constexpr double LEAST_REDUCTION = 1e-4, LAST_REDUCTION = 1e-8;
 constexpr double STALLED = 0.7, LEAST_SLOPE = 1e-4;
 constexpr int STALLED_STEPS = 7, CORRECTIONS = 4, MOST_STEPS = 200, ROUNDS = 3;
+
+// What a level may cost while others are reduced.
+double kept_cost(double cost) {
+  const double error = std::sqrt(cost) + KEPT;
+  return error * error;
+}
 
 class Descent {
  public:
@@ -139,7 +145,7 @@ class Descent {
   // What the first levels may cost while others are reduced.
   static std::vector<double> kept_costs(const Point &point, size_t count) {
     std::vector<double> kept(point.costs.begin(), point.costs.begin() + long(count));
-    for (double &each : kept) each = each * (1.0 + SLACK) + KEPT;
+    for (double &each : kept) each = kept_cost(each);
     return kept;
   }
 

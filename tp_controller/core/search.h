@@ -23,8 +23,9 @@ Descent::Clock::time_point after(double seconds) {
 
 class Search {
  public:
-  Search(std::vector<double> lower, std::vector<double> upper)
-      : tasks(std::move(lower), std::move(upper)), descent_(tasks) {}
+  // Limits of the positions (n,), and their changes (N, n) to the starts of descents nearby.
+  Search(std::vector<double> lower, std::vector<double> upper, std::vector<double> nudges)
+      : tasks(std::move(lower), std::move(upper)), descent_(tasks), nudges_(std::move(nudges)) {}
   Search(const Search &) = delete;
 
   PositionStack tasks;
@@ -46,7 +47,7 @@ class Search {
       descent_.approach(tried_, needed);
       ++descents;
       if (is_met(tried_, needed)) {
-        if (needed < tried_.costs.size()) reduce_all(tried_);
+        if (needed < tried_.costs.size()) finish(tried_);
         if (found.size() <= count) found.emplace_back();
         std::swap(found[count++], tried_);
       } else if (!count && (descents == 1 || is_better(tried_, found[0], needed))) {
@@ -68,15 +69,15 @@ class Search {
       ++descents;
       if (!met_ && !is_better(found[0], first_, needed)) std::swap(first_, found[0]);
     }
-    if (!met_) reduce_all(found[0]);
+    if (!met_) finish(found[0]);
   }
 
-  // Reduce the levels at a configuration in turn.
+  // Reduce all levels at a configuration.
   void finish(const double *q, Descent::Clock::time_point stop) {
     descent_.stop = stop;
     found[0].q.assign(q, q + tasks.nq());
     tasks.evaluate(found[0]);
-    reduce_all(found[0]);
+    finish(found[0]);
     count = 1;
   }
 
@@ -91,13 +92,40 @@ class Search {
 
   static bool is_met(const Point &point, size_t needed) { return point.cost(0, needed) <= MET; }
 
+  // Whether a level costs notably less than at another point, and none above costs more.
+  static bool improves(const Point &one, const Point &other) {
+    for (size_t l = 0; l < one.costs.size(); ++l) {
+      const double a = one.costs[l], b = other.costs[l];
+      if (a < (1.0 - EQUAL) * b - MET) return true;
+      if (a > kept_cost(b)) return false;
+    }
+    return false;
+  }
+
+  // Reduce all levels in turn; where some are not met, descend from nearby, too.
+  void finish(Point &point) {
+    reduce_all(point);
+    const size_t levels = point.costs.size();
+    for (const double *nudge = nudges_.data(); nudge != nudges_.data() + nudges_.size();
+         nudge += tasks.n()) {
+      if (is_met(point, levels) || descent_.out_of_time()) break;
+      tasks.move(point, nudge, nearby_);
+      descent_.begin();
+      descent_.approach(nearby_, levels);
+      if (!is_better(nearby_, point, levels)) continue;
+      reduce_all(nearby_);
+      if (improves(nearby_, point)) std::swap(nearby_, point);
+    }
+  }
+
   void reduce_all(Point &point) {
     descent_.begin();
     descent_.finish(point);
   }
 
   Descent descent_;
-  Point tried_, first_;
+  const std::vector<double> nudges_;
+  Point tried_, first_, nearby_;
   bool met_ = false;
 };
 

@@ -31,22 +31,22 @@ bool has_coordinates(const Motion &motion) {
                              : motion.first_row == 3 || motion.first_row == 7;
 }
 
-// Search(lower, upper)
+// Search(lower, upper, nudges): limits of the positions (n,), and changes of them (N, n).
 PyObject *make_search(PyTypeObject *type, PyObject *given, PyObject *) {
-  PyObject *low, *high;
-  if (!PyArg_ParseTuple(given, "OO", &low, &high)) return nullptr;
+  PyObject *low, *high, *nearby;
+  if (!PyArg_ParseTuple(given, "OOO", &low, &high, &nearby)) return nullptr;
   try {
-    std::vector<double> lower, upper;
+    std::vector<double> lower, upper, nudges;
     if (read_all(low, lower) && read_all(high, upper) && !lower.empty()
-        && lower.size() == upper.size()) {
+        && lower.size() == upper.size() && read_rows(nearby, Py_ssize_t(lower.size()), nudges)) {
       PositionSearch its;
-      its.search.reset(new Search(std::move(lower), std::move(upper)));
+      its.search.reset(new Search(std::move(lower), std::move(upper), std::move(nudges)));
       return keep<PositionSearch>(type, std::move(its));
     }
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
   }
-  return refuse("needs as many lower as upper limits");
+  return refuse("needs as many lower as upper limits, and nudges of them");
 }
 
 // set_tasks(motion, ((Task, …), …)): ValueError, and nothing has changed, where they are not of this

@@ -14,7 +14,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.positions.descent import Descent
 from tp_controller.positions.position_stack import PositionStack
-from tp_controller.positions.search import Attempts, search
+from tp_controller.positions.search import Attempts, finish, nudges, search
 from tp_controller.solver.compiled import core
 from tp_controller.tasks.twin import CompiledTask, Twin, Watch
 
@@ -101,8 +101,8 @@ class Searches:
         self._compiled = None
         if core is not None and motion is not None and tasks.groups \
                 and all(map(has_twin, tasks.stack.active_tasks)):
-            self._compiled = _CompiledTasks(robot, tasks, core.Search(robot.lower, robot.upper),
-                                            motion)
+            self._compiled = _CompiledTasks(robot, tasks, core.Search(
+                robot.lower, robot.upper, nudges(robot.n)), motion)
 
     def begin(self, passive: Array) -> None:
         """Begin with the present inputs of the tasks and passive positions (p,)."""
@@ -180,8 +180,7 @@ class Searches:
             if self._compiled.search.finish(end - time.perf_counter(), q, costs):
                 return Attempts(q, costs.tolist(), found.descents)
         self._end = end
-        self._descent.begin()
-        point = self._descent.finish(self._tasks.at(found.q))
+        point = finish(self._tasks, self._descent, self._tasks.at(found.q))
         return Attempts(point.q, point.costs, found.descents)
 
     def _outputs(self, count: int) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ above alone lead back to them (a second-order correction, ibid. 18.3).
 """
 
 from collections.abc import Callable
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,8 @@ from tp_controller.solver.solve import PrioritySolver, solve_cycle
 
 # Cost up to which a level is met: an error of 3e-7 m or rad.
 MET = 1e-13
-# Cost by which levels above a reduced one may grow: an error of 1e-6 m or rad.
-KEPT = 1e-12
-# Relative part of its cost by which a level that is not met may grow while others are reduced.
-SLACK = 1e-6
+# Error by which levels above a reduced one may grow [m or rad].
+KEPT = 5e-7
 # Trust region Δ: first, largest, and where a descent ends [rad or m].
 FIRST_RADIUS, LARGEST_RADIUS, LEAST_RADIUS = 0.6, 1.5, 1e-5
 # Share of the predicted reduction from which a step is accepted, and from which Δ grows.
@@ -46,6 +45,11 @@ STALLED, STALLED_STEPS = 0.7, 7
 CORRECTIONS = 4
 # Most steps of a descent, and most rounds over its levels.
 MOST_STEPS, ROUNDS = 200, 3
+
+
+def kept_cost(cost: float) -> float:
+    """Return the most that a level may cost while others are reduced."""
+    return (math.sqrt(cost) + KEPT) ** 2
 
 
 class Judged(NamedTuple):
@@ -106,7 +110,7 @@ class Descent:
         """Reduce the cost of some levels; a patient descent goes on as long as it falls."""
         radius, slow = FIRST_RADIUS, 0
         least = LAST_REDUCTION if patient else LEAST_REDUCTION
-        kept = [cost * (1.0 + SLACK) + KEPT for cost in point.costs[:judged.first]]
+        kept = [kept_cost(cost) for cost in point.costs[:judged.first]]
         cost = judged.cost(point.costs)
         while cost > MET and self._steps < MOST_STEPS and not self.out_of_time():
             self._steps += 1
@@ -136,7 +140,7 @@ class Descent:
     def _maximize(self, point: Point, level: int) -> Point:
         """Follow the slope of an objective, without a change of the levels above it."""
         radius = FIRST_RADIUS
-        kept = [cost * (1.0 + SLACK) + KEPT for cost in point.costs[:level]]
+        kept = [kept_cost(cost) for cost in point.costs[:level]]
         while self._steps < MOST_STEPS and not self.out_of_time():
             self._steps += 1
             slope = point.errors[level]

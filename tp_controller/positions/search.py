@@ -1,17 +1,25 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Search among configurations: a descent from the start, then from random configurations."""
+"""
+Search among configurations: a descent from the start, then from random configurations.
+
+A descent may end at a saddle point, or beside a lower minimum. Where levels are not met, descents
+from nearby follow, as in basin hopping (Wales and Doye, J. Phys. Chem. A 101, 1997).
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+import numpy as np
 from tp_controller.model.spatial import Array
-from tp_controller.positions.descent import Descent, MET
-from tp_controller.positions.position_stack import PositionStack
+from tp_controller.positions.descent import Descent, kept_cost, MET
+from tp_controller.positions.position_stack import Point, PositionStack
 
 # Costs that differ by no more than this share are equal.
 EQUAL = 1e-3
+# Number of descents from nearby, and standard deviation of their starts [rad or m].
+NUDGES, NUDGE = 8, 0.15
 
 
 class Attempts(NamedTuple):
@@ -65,8 +73,7 @@ def search(tasks: PositionStack, descent: Descent, needed: int, starts: Iterable
         descents += 1
         if sum(found.costs[:needed]) <= MET:
             if needed < len(found.costs):
-                descent.begin()
-                found = descent.finish(found)
+                found = finish(tasks, descent, found)
             met.append(Attempts(found.q, found.costs, descents))
         elif best is None or is_better(found.costs[:needed], best.costs[:needed]):
             best = found
@@ -75,6 +82,39 @@ def search(tasks: PositionStack, descent: Descent, needed: int, starts: Iterable
     if not met and best is not None:
         met = [Attempts(best.q, best.costs, descents)]
     return [each._replace(descents=descents) for each in met]
+
+
+def nudges(n: int) -> Array:
+    """Return changes (count, n) of the positions that lead to the starts nearby."""
+    return np.random.default_rng(0).normal(0.0, NUDGE, (NUDGES, n))
+
+
+def finish(tasks: PositionStack, descent: Descent, point: Point) -> Point:
+    """Reduce all levels in turn; where some are not met, descend from nearby, too."""
+    descent.begin()
+    point = descent.finish(point)
+    for nudge in nudges(tasks.robot.n):
+        if sum(point.costs) <= MET or descent.out_of_time():
+            break
+        descent.begin()
+        nearby = descent.approach(tasks.moved(point, nudge), len(point.costs))
+        if not is_better(nearby.costs, point.costs):
+            continue
+        descent.begin()
+        nearby = descent.finish(nearby)
+        if improves(nearby.costs, point.costs):
+            point = nearby
+    return point
+
+
+def improves(costs: Sequence[float], others: Sequence[float]) -> bool:
+    """Return whether a level costs notably less than another time, and none above costs more."""
+    for cost, other in zip(costs, others):
+        if cost < (1.0 - EQUAL) * other - MET:
+            return True
+        if cost > kept_cost(other):
+            return False
+    return False
 
 
 def is_better(costs: Sequence[float], others: Sequence[float]) -> bool:

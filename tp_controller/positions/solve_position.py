@@ -126,7 +126,7 @@ class PositionSolver:
             end = time.perf_counter() + timeout
             begin = self._begin(goals, start, passive)
             return self._solution(self._chosen(self._search(begin, options, end), begin,
-                                               criterion))
+                                               criterion, end))
 
     def solve_together(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
                        options: SearchOptions, passive: ArrayLike | None = None
@@ -174,7 +174,9 @@ class PositionSolver:
             self._random_postures(begin, options), self._needed, NEAREST_OF, options.timeout)
         if found is None:
             return None
-        return [self._solution(self._chosen(each, begins[index % len(begins)], options.criterion),
+        end = time.perf_counter() + options.timeout
+        return [self._solution(self._chosen(each, begins[index % len(begins)], options.criterion,
+                                            end),
                                {name: given[index] for name, given in parsed.items()})
                 for index, each in enumerate(found)]
 
@@ -251,12 +253,18 @@ class PositionSolver:
                 self._robot, begin, np.random.default_rng(options.seed), options.attempts - 1)
         return self._postures
 
-    def _chosen(self, found: list[Attempts], begin: Array, criterion: str) -> Attempts:
+    def _chosen(self, found: list[Attempts], begin: Array, criterion: str, end: float
+                ) -> Attempts:
         """Return the best of configurations that reach the goals, without whole turns."""
         if self._turns:
-            found = [unwound(self._tasks, each, begin) for each in found]
+            found = [self._unwound(each, begin, end) for each in found]
         return found[0] if len(found) == 1 else min(
             found, key=lambda each: CRITERIA[criterion](self._tasks, each.q, begin))
+
+    def _unwound(self, found: Attempts, begin: Array, end: float) -> Attempts:
+        """Return a search without whole turns, finished again where it had any."""
+        turned = unwound(self._tasks, found, begin)
+        return turned if turned is found else self._searches.finish(turned, end)
 
     def _solution(self, found: Attempts, goals: Mapping[str, Goal] | None = None
                   ) -> PositionSolution:

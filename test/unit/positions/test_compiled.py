@@ -121,11 +121,13 @@ def test_task_without_a_twin_leads_to_the_reference():
 
 def test_core_refuses_what_does_not_fit():
     robot = robots.panda()
-    search = core.Search(robot.lower, robot.upper)
+    search = core.Search(robot.lower, robot.upper, np.zeros((0, 7)))
     q, costs = np.empty((1, 7)), np.empty((1, 1))
     assert search.find(np.zeros((1, 7)), 1, 1.0, q, costs) is None
     with pytest.raises(ValueError, match='as many lower as upper limits'):
-        core.Search(robot.lower, robot.upper[:3])
+        core.Search(robot.lower, robot.upper[:3], np.zeros((0, 7)))
+    with pytest.raises(ValueError, match='nudges'):
+        core.Search(robot.lower, robot.upper, np.zeros((2, 6)))
     motion = robot.kinematics.motion()
     stack = Stack.from_yaml('- posture: {type: posture}\n', robot)
     stack.start(robot.state(robot.neutral()))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Stack
-from tp_controller.positions.descent import Descent, KEPT, MET, SLACK
+from tp_controller.positions.descent import Descent, kept_cost, MET
 from tp_controller.positions.position_stack import PositionStack
 from tp_controller.positions.random_postures import random_postures
 
@@ -34,7 +34,7 @@ def test_upper_levels_are_kept_while_lower_ones_are_reduced(seed):
     first = descent.approach(point, 1)
     assert first.costs[0] <= MET
     last = descent.finish(first)
-    assert last.costs[0] <= first.costs[0] * (1.0 + SLACK) + KEPT
+    assert last.costs[0] <= kept_cost(first.costs[0])
     assert last.costs[1] <= first.costs[1]
     # From the end nothing is left to reduce.
     descent.begin()
@@ -61,7 +61,7 @@ def test_levels_that_do_not_fit_together_are_met_in_order():
         found = descent.approach(point, 2)
         descent.begin()
         found = descent.finish(found)
-        assert found.costs[0] <= 2 * KEPT
+        assert found.costs[0] <= kept_cost(MET)
         left.append(found.costs[1])
     assert max(left) > 1e-3
 
@@ -91,7 +91,7 @@ def test_objective_has_its_maximum_below_the_tasks_above(kind):
         robot = tasks.robot
         tool.goal = tool.value(robot.state(point.q))
         found = descent.finish(tasks.at(point.q))
-        assert found.costs[0] <= KEPT
+        assert found.costs[0] <= kept_cost(MET)
 
         # Along the motion that keeps the pose the demand of the objective is zero.
         free = (found.q > robot.lower + 1e-6) & (found.q < robot.upper - 1e-6)

@@ -28,6 +28,7 @@ from tp_controller import (
 )
 from tp_controller.model.spatial import rotation_vector
 from tp_controller.positions.random_postures import random_postures
+from tp_controller.positions.search import Attempts
 from tp_controller.positions.solution import GOAL_TOLERANCE
 from tp_controller.tasks.position import Position
 
@@ -462,3 +463,17 @@ def test_copy_of_a_solver_has_its_answers():
 def test_what_is_no_stack_is_refused():
     with pytest.raises(StackError, match='needs a Stack'):
         PositionSolver(robots.panda(), POSE)
+
+
+def test_posture_is_finished_after_whole_turns():
+    # A turn towards the start changes the error of a posture, and what reduces it.
+    robot, its = solver(
+        'UR5', '- tool: {type: position, frame: tool0}\n- posture: {type: posture}')
+    q = np.array([0.3, -1.0, 1.2, 0.4, 0.8, -1.0])
+    turned = q + 2.0 * np.pi * np.eye(6)[5]
+    begin = its._begin({'tool': robot.state(q).position('tool0'), 'posture': np.zeros(6)},
+                       np.zeros(6), None)
+    tasks = its._tasks
+    found = its._chosen([Attempts(turned, tasks.at(turned).costs, 1)], begin, 'nearest', np.inf)
+    assert found.costs[0] <= GOAL_TOLERANCE ** 2
+    assert found.costs[1] < 0.9 * tasks.at(q).costs[1]
