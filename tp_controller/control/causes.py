@@ -250,13 +250,13 @@ class Causes:
         Return the other tasks, on the level of a task or above it, that can block it.
 
         They move joints that move it, or that are coupled to these by rows of such tasks. Unless
-        one joint slows all, or a reserve is in force, the others change nothing but damping, of
-        which a level has one for all joints.
+        one joint slows all, the others change nothing but damping, of which a level has one for
+        all joints, and the reserve for the first level, which is a cause of its own.
         """
         index = self.variants.level_index(evaluation)
         others = [each for group in self._evaluations[:index + 1] for each in group
                   if each is not evaluation]
-        if self.slows_all or any(RESERVE in each.limits for each in self.active_limits(index)):
+        if self.slows_all:
             return others
         coupled: Array = np.any(_moves(evaluation), axis=0)
         rows = np.vstack([_moves(each) for each in others]) if others else coupled[None]
@@ -287,13 +287,13 @@ class Causes:
             return cause.limits[0], self._robot.velocity_names[cause.joint]
         return BOUNDS if cause.task.bounded else TASK, cause.task.name
 
-    def is_ahead(self, kind: str, name: str) -> bool:
-        """Return whether a joint is not at a limit yet, and is in the cycle that lasts."""
+    def reaches(self, kind: str, name: str) -> tuple[bool, bool]:
+        """Return whether a joint is at a limit now, and in the cycle that lasts."""
         joint, bounds = self._robot.velocity_names.index(name), self.variants.cycle.bounds
         now, later = (any(each.joint == joint and kind in each.limits
                           for each in _at_bounds(bounds, velocity)) for velocity in (
                               self._outcome.velocity, self.variants.lasting.velocity))
-        return later and not now
+        return now, later
 
     @property
     def slows_all(self) -> bool:

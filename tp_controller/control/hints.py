@@ -135,6 +135,8 @@ class _Adviser:
             return proposal.text
         # Those that keep their goals.
         named = [name for name in proposal.named if tasks.get(name) is self._setup.tasks[name]]
+        if len(named) < len(proposal.named):
+            return ''.join(proposal.texts)
         worse = [name for name in named if name not in course.arrivals
                  and self._usual.gains(name, course, HELPFUL_SHARE)]
         later = [] if worse else [name for name in named if self._usual.arrives([name])

@@ -157,12 +157,15 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
 
 def _alone(kind: str, name: str, causes: Causes) -> str:
     """Return the sentence for one cause."""
+    if kind in LIMIT_KINDS and not any(causes.reaches(kind, name)):
+        # It limits a level, and the levels below lead the joint away from it.
+        return f'limited by the {kind} of {name}'
     return phrase(kind, name + _soon([(kind, name)], causes))
 
 
 def _soon(limits: Sequence[tuple[str, str]], causes: Causes) -> str:
     """Return a word for limits that the joints are about to reach; mostly empty."""
-    return ' soon' * any(kind in LIMIT_KINDS and causes.is_ahead(kind, name)
+    return ' soon' * any(kind in LIMIT_KINDS and causes.reaches(kind, name) == (False, True)
                          for kind, name in limits)
 
 

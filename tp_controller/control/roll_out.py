@@ -11,6 +11,7 @@ would help it later. Goals stay where they are, and changes act at once.
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 import math
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import is_foreign
 
 # Time that is rolled out [s], and its largest number of cycles.
-HORIZON, MOST_CYCLES = 10.0, 500
+HORIZON, MOST_CYCLES = 10.0, 1000
 # Time at rest after which a roll-out ends [s].
 REST_SECONDS = 2.0 * STUCK_SECONDS
 # The errors of the tasks are looked at again after this share of the time.
@@ -72,13 +73,17 @@ class Course(NamedTuple):
         return all(self.arrivals.get(name, math.inf) <= HORIZON for name in names)
 
     def time_to(self, name: str, share: float) -> float:
-        """Return the time from which at most a share of the error is left [s]; else infinity."""
+        """
+        Return the time from which at most a share of the error is left [s]; else infinity.
+
+        It has to stay so for the last fifth of the time.
+        """
         most, found = share * self.seen[0][1][name], math.inf
         for time, errors in reversed(self.seen):
             if errors[name] > most:
                 break
             found = time
-        return found
+        return found if found <= 0.8 * self.seen[-1][0] else math.inf
 
     def gains(self, name: str, other: 'Course', share: float) -> bool:
         """Return whether a task misses less than in another course, by a share, or is earlier."""
@@ -179,10 +184,11 @@ class _Looks:
         """Return {task: time at which it arrives [s]}; see `Course`."""
         found, (now, errors) = dict(self._since), self.seen[-1]
         before, earlier = next(seen for seen in self.seen if seen[0] >= 0.8 * now)
+        late = [seen[1] for seen in self.seen if seen[0] >= 0.5 * now]
         for name, error in errors.items():
             time = _time_of_arrival(before, earlier[name], now, error)
-            if name not in found and not at_rest and error < earlier[name] \
-                    and time < LONGEST_WAIT:
+            decays = all(one[name] > other[name] for one, other in pairwise(late))
+            if name not in found and not at_rest and decays and time < LONGEST_WAIT:
                 found[name] = time
         return found
 

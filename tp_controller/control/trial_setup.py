@@ -21,7 +21,7 @@ from tp_controller.tasks.task import Evaluation, Task
 # Factor of velocity limits that are raised.
 RAISED = 3.0
 # Shortest period of a roll-out [s]: the joints move a few times as far as in a usual cycle.
-COARSE_PERIOD = 0.02
+COARSE_PERIOD = 0.01
 
 
 class Setup(NamedTuple):

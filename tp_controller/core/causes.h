@@ -120,11 +120,7 @@ class Causes {
   // The other tasks, on the level of a task or above it, that can block it.
   Removed other_tasks(size_t task) const {
     const size_t index = cycle_.parts[task].level;
-    const Removed active = active_limits(index);
-    const bool all = variants_.lasting().slowed < 1.0
-        || std::any_of(active.begin(), active.end(), [](const Removable &each) {
-             return each.active.limits & RESERVE;
-           });
+    const bool all = variants_.lasting().slowed < 1.0;
     std::vector<char> coupled(size_t(n_), all);
     couple(task, coupled, true);
     for (bool more = true; more;) {

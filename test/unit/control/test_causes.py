@@ -173,7 +173,7 @@ def test_reserve_is_a_cause_where_a_joint_is_kept_ready():
 - second: {type: joint, joints: slide_x, target: [0.9]}
 """, [0.0, 0.0, 0.0], Settings(blend=0.0, reserve=0.4, period=0.01))
     # As the first level itself it could have all of it.
-    assert kinds(tasks['second']) == [('reserve', 'slide_x', 1.0), ('task', 'first', 1.0)]
+    assert kinds(tasks['second']) == [('reserve', 'slide_x', 1.0)]
     assert 'reserve' in tasks['second'].reason
     assert tasks['second'].hint == 'wait 7 s until it arrives'
 
