@@ -178,6 +178,12 @@ def check_rotation(R: Array) -> Array:
     return R
 
 
+def are_rotations(R: Array) -> bool:
+    """Return whether all of several matrices (count, 3, 3) are valid; see `check_rotation`."""
+    deviations = np.abs(R @ R.transpose(0, 2, 1) - IDENTITY)
+    return bool((deviations <= ROTATION_TOLERANCE).all() and (np.linalg.det(R) > 0.0).all())
+
+
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Return the 3×3 rotation matrix Rz(yaw) Ry(pitch) Rx(roll), angles in radians (URDF)."""
     return pinocchio.rpy.rpyToMatrix(float(roll), float(pitch), float(yaw))

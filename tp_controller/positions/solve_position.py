@@ -162,7 +162,7 @@ class PositionSolver:
         if each_its_own and (self._named != self._tasks.stack.tasks.keys() or self._robot.moves):
             # Other tasks keep their values at the start, and random postures are around it.
             return None
-        parsed = {name: [self._parsed(name, goal) for goal in given]
+        parsed = {name: accept(task := self._tasks.stack.tasks[name], task.parse_goals, given)
                   for name, given in goals.items()}
         if not all(isinstance(goal, np.ndarray) for given in parsed.values() for goal in given):
             return None

@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 import os
 from typing import Any
 
@@ -53,7 +54,8 @@ def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goa
     Raises
     ------
     GoalError
-        The numbers of goals differ, or a goal is not valid; see `PositionSolver.solve`.
+        The numbers of goals differ, or a goal is not valid, with its number, from 0; see
+        `PositionSolver.solve`.
     RobotError, SettingsError
         See there.
 
@@ -97,13 +99,24 @@ def _solve(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], starts: 
         return starts if starts is None or starts.ndim < 2 else starts[index]
 
     checked = options_of({name: value for name, value in options.items() if name != 'passive'})
-    found = None
     if checked.criterion == 'nearest':
-        found = solver.solve_together(
-            {name: given[first:chunk.stop] for name, given in goals.items()},
-            started(slice(first, chunk.stop)), checked, options.get('passive'))
-    return found or [solver.solve({name: given[index] for name, given in goals.items()},
-                                  started(index), **options) for index in chunk]
+        with suppress(GoalError):
+            found = solver.solve_together(
+                {name: given[first:chunk.stop] for name, given in goals.items()},
+                started(slice(first, chunk.stop)), checked, options.get('passive'))
+            if found is not None:
+                return found
+    return [_solve_row(solver, goals, started(index), index, options) for index in chunk]
+
+
+def _solve_row(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], start: Array | None,
+               index: int, options: dict[str, Any]) -> PositionSolution:
+    """Return the result for one of the goals; a `GoalError` has its number."""
+    try:
+        return solver.solve({name: given[index] for name, given in goals.items()}, start,
+                            **options)
+    except GoalError as error:
+        raise GoalError(f'goal {index}: {error}') from error
 
 
 def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, list[Goal]]:

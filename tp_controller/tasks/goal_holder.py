@@ -4,6 +4,7 @@
 """Goal of a task in force, and the feed-forward velocity that belongs to it."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from copy import copy
 import math
 from typing import Any, ClassVar, TypeAlias, TypeVar
@@ -64,6 +65,10 @@ class GoalHolder(ABC):
     @abstractmethod
     def parse_goal(self, goal: Goal) -> Goal:
         """Return a goal in internal form, or raise `GoalError`."""
+
+    def parse_goals(self, goals: Sequence[Goal]) -> Sequence[Goal]:
+        """Return the goals of `parse_goal`, or raise `GoalError` for the first invalid one."""
+        return [self.parse_goal(goal) for goal in goals]
 
     def goal_in_reference(self, goal: Goal, T_reference_frame: Array) -> Goal:
         """Transform a goal from another frame to the reference frame, or raise `GoalError`."""

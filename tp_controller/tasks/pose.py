@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError
-from tp_controller.model.spatial import Array, pose
+from tp_controller.model.spatial import are_rotations, Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_reach
-from tp_controller.tasks.keys import finite_vector, has_shape
+from tp_controller.tasks.keys import finite_vector, has_shape, MAX_NUMBER
 from tp_controller.tasks.orientation import (
     remaining_turn,
     selected_rotation,
@@ -30,6 +30,13 @@ class PoseTask(Task):
     def parse_goal(self, goal: ArrayLike) -> Array:
         """Return a pose (4, 4), or raise `GoalError`."""
         return parse_pose(goal, f'the goal of task {self.name!r}')
+
+    def parse_goals(self, goals: Sequence[ArrayLike]) -> Sequence[Array]:
+        """Return poses (4, 4), or raise `GoalError`; matrices are parsed at once."""
+        poses = matrices_of(goals)
+        if poses is None or type(self).parse_goal is not PoseTask.parse_goal:
+            return super().parse_goals(goals)
+        return list(poses)
 
     def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
         """Transform a pose from another frame to the reference frame."""
@@ -94,6 +101,18 @@ class Pose(PoseTask, TurningFrameTask):
     def _turn(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal (3,) [rad]."""
         return self._rotation_error.error(self.goal[:3, :3], self.rotation(state))
+
+
+def matrices_of(goals: Sequence[ArrayLike]) -> Array | None:
+    """Return matrices (count, 4, 4); None if goals have another form, or one is invalid."""
+    try:
+        T = np.array(goals, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if T.shape[1:] != (4, 4) or not (np.abs(T) <= MAX_NUMBER).all() \
+            or (T[:, 3] != [0.0, 0.0, 0.0, 1.0]).any() or not are_rotations(T[:, :3, :3]):
+        return None
+    return T
 
 
 def parse_pose(goal: ArrayLike, what: str) -> Array:

@@ -78,3 +78,14 @@ def test_wrong_arguments_are_named(arguments, error, text):
     goals = {'tool': [robot.state(robot.neutral()).pose(TOOL)] * 2}
     with pytest.raises(error, match=text):
         solve_positions(robot, Stack.from_yaml(TEXT, robot), **{'goals': goals, **arguments})
+
+
+@pytest.mark.parametrize('form', ['matrices', 'quaternions', 'criterion'])
+def test_invalid_goal_is_named_by_its_number(form):
+    robot = robots.panda()
+    stack, goal = Stack.from_yaml(TEXT, robot), robot.state(robot.neutral()).pose(TOOL)
+    goals = np.array([goal if form != 'quaternions' else [0.4, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0]] * 9)
+    goals[5] *= 2.0
+    options = {'criterion': 'limits', 'attempts': 1} if form == 'criterion' else {}
+    with pytest.raises(GoalError, match="goal 5: the goal of task 'tool'"):
+        solve_positions(robot, stack, {'tool': goals}, jobs=1, **options)
