@@ -46,7 +46,8 @@ PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 # Packages of the types that every node's own topics and services have.
 EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 # Tests that declare faults and their outcomes.
-DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_permits', 'test_faults')
+DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_outputs',
+             'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
 # Packages of the nodes that are tools.
 PARTS = {'viewer': 'tools.view', 'teleop': 'tools.teleop'}
@@ -87,6 +88,10 @@ TOPICS = {
                       'times out',
     'velocity_controller/commands': 'joint velocities, every cycle; zeros while the robot is '
                                     'stopped',
+    'position_controller/commands': 'in its place with `output: position`: [joint positions]'
+                                    '(docs/ros.md#positions-in-place-of-velocities)',
+    'joint_trajectory_controller/joint_trajectory':
+        'in its place with `output: trajectory`: the same, as trajectories of one point',
     '~/status': '[status](docs/ros.md#status) of the node and each task',
     '/diagnostics': 'the same once a second, where ROS tools look for it',
     '~/<task>/numbers': '[numbers](docs/ros.md#plots) of a task: error, tolerance, speeds',
@@ -157,6 +162,8 @@ STATUS = {
     'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
     'missed deadlines': 'how often joint states came later than `state_deadline`',
+    'lead': 'with [positions](docs/ros.md#positions-in-place-of-velocities): largest distance '
+            'of a joint from its commanded position, relative to the largest one allowed',
     'ignored description': 'what to do where a `robot_description` other than the one in use '
                            'has arrived',
     'other publishers': 'number of other nodes that publish the same commands',
@@ -424,7 +431,8 @@ def interfaces(node):
         arm = Robot.from_file(PANDA, base='planar')
         stack = [{name: {'type': name, **kind.example}} for name, kind in task_types().items()
                  if not lacks(name, kind.needs, arm, kind.example)]
-        starts = ({**robot, 'stack': yaml.safe_dump(stack)}, {})
+        starts = ({**robot, 'stack': yaml.safe_dump(stack)}, {}, *(
+            {**robot, 'output': output} for output in ('position', 'trajectory')))
     elif node == 'watchdog':
         from tp_controller.ros.watchdog_node import WatchdogNode as Node
         starts = ({'base': 'planar'},)
@@ -540,7 +548,8 @@ def faults():
     for area, found in declared.items():
         for outcome, test in found:
             within = '' if outcome.within == float('inf') else f'{outcome.within:g} s'
-            alike = grouped.setdefault((area, outcome.result, within, outcome.ends), ([], []))
+            alike = grouped.setdefault((area, outcome.result, outcome.of_positions, within,
+                                        outcome.ends), ([], []))
             for texts, text in zip(alike, (outcome.fault, f'`{test}`')):
                 if text not in texts:
                     texts.append(text)
@@ -548,7 +557,8 @@ def faults():
     rows = [('' if area == before else area, '; '.join(faults), *outcome, ', '.join(tests))
             for before, ((area, *outcome), (faults, tests)) in zip(
                 ['', *areas], grouped.items())]
-    return table(('area', 'faults', 'what is commanded', 'noticed within', 'ends', 'test'), rows)
+    return table(('area', 'faults', 'velocities', 'positions', 'noticed within', 'ends', 'test'),
+                 rows)
 
 
 REGIONS = {

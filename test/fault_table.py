@@ -11,6 +11,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 AT_ONCE, RAMPED, NOTHING = 'zeros at once', 'a ramped stop', 'nothing is published'
+# The same where positions are commanded.
+POSITIONS = {AT_ONCE: 'braking, then the last positions',
+             RAMPED: 'a ramped stop, then the last positions'}
 BY_ITSELF, START = 'by itself', '`~/start`'
 
 
@@ -24,13 +27,15 @@ class Outcome:
     fault : str
         What goes wrong.
     result : str
-        What is commanded then.
+        What velocities are commanded then.
     ends : str
         What ends it.
     told : str
         Part of the reason in the status.
     within : float
         Time in which it is noticed [s]; infinite where that depends on other nodes.
+    positions : str
+        What positions are commanded then; by default as `POSITIONS` says.
 
     """
 
@@ -39,6 +44,12 @@ class Outcome:
     ends: str
     told: str
     within: float
+    positions: str = ''
+
+    @property
+    def of_positions(self) -> str:
+        """Return what positions are commanded then."""
+        return self.positions or POSITIONS.get(self.result, self.result)
 
 
 # By area of docs/safety.md, with the tests.

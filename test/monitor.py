@@ -27,6 +27,8 @@ class Promise:
         Age of the joint states from which zeros are commanded [s].
     beyond : float
         By how much the true robot may pass a position limit [rad or m].
+    lead : float
+        Time by which commanded positions may lead, besides their stopping distance [s].
 
     """
 
@@ -37,6 +39,7 @@ class Promise:
     period: float
     timeout: float
     beyond: float = 1e-3
+    lead: float = 0.2
 
 
 def promise_of(robot, period, timeout, beyond=1e-3):
@@ -126,3 +129,64 @@ class Monitor:
             age = time - heard[max(np.searchsorted(heard, time, side='right') - 1, 0)]
             if velocity.any() and age > promise.timeout + late:
                 yield f'{time:.3f} s: motion {age:.3f} s after the last joint state'
+
+
+class PositionMonitor(Monitor):
+    """
+    The same for commanded positions, whose differences are the velocities.
+
+    Stops have to keep the acceleration limits, too.
+
+    Attributes
+    ----------
+    targets : list of (float, ndarray, ndarray)
+        Time [s], commanded positions, and where the robot truly was.
+
+    """
+
+    # Time without a command after which the robot has stopped at the last one [s].
+    PAUSE = 0.0301
+
+    def __init__(self):
+        super().__init__()
+        self.targets = []
+
+    def positions_command(self, time, positions, q):
+        """Take commanded positions, and where the robot truly is."""
+        before = self.targets[-1] if self.targets else (time, positions, q)
+        passed = time - before[0]
+        velocity = (positions - before[1]) / passed if passed > 0.0 else 0.0 * positions
+        self.targets.append((time, np.array(positions), np.array(q)))
+        if passed > 0.0:
+            self.command(time, velocity)
+
+    def _wrong_numbers(self, promise):
+        """Yield commands that are not finite, too fast, or beyond a position limit or the lead."""
+        yield from super()._wrong_numbers(promise)
+        stop = promise.velocity ** 2 / (2.0 * promise.acceleration) \
+            + 0.05 * promise.velocity + 2.0 * promise.velocity * promise.period
+        largest = promise.lead * promise.velocity + 0.02 + stop
+        beyond = -np.inf
+        for time, positions, q in self.targets:
+            before, beyond = beyond, np.maximum(positions - promise.upper,
+                                                promise.lower - positions)
+            if ((beyond > 1e-9) & (beyond > before + 1e-9)).any():
+                yield f'{time:.3f} s: beyond a position limit by {beyond.max():.3g}'
+            if (np.abs(positions - q) > largest).any():
+                yield f'{time:.3f} s: ahead of the robot by {positions - q}'
+
+    def _jumps(self, promise):
+        """Yield changes of the velocity of commanded positions that are too fast."""
+        usual = 0.0
+        for (began, before, _), (time, velocity, _) in zip(self.commands, self.commands[1:]):
+            passed, longest = time - began, max(self.PAUSE, 3.0 * usual)
+            usual = passed
+            allowed = promise.acceleration * passed
+            if passed <= longest \
+                    and (np.abs(velocity - before) > allowed * (1.0 + 1e-6) + 1e-9).any():
+                yield f'{time:.3f} s: beyond the acceleration limit: {before} to {velocity}'
+
+    def _blind(self, promise, late):
+        """Yield commands that move the robot without joint states, after the time of a stop."""
+        stop = float((promise.velocity / promise.acceleration).max())
+        yield from super()._blind(promise, late + stop)

@@ -22,6 +22,9 @@ BASES = 'planar', 'differential', 'floating', 'underwater'
 RATES = 20.0, 100.0, 0.0, 1000.0
 ROBOTS = {base: Robot.from_file(PANDA_DH, base=base) for base in BASES}
 STACK = '- drive: {type: base_pose, gain: 1.0}\n- posture: {type: posture, gain: 0.5}\n'
+# Each base at each rate, and each output for the joints.
+OUTPUTS = ('planar', 'position', 100.0), ('floating', 'trajectory', 0.0)
+CASES = [*((base, 'velocity', rate) for base in BASES for rate in RATES), *OUTPUTS]
 # What a computed clock and its steps may add to a timeout [s].
 STEPS = 0.02
 
@@ -87,29 +90,30 @@ LATE, TIMEOUT = (silence, repeated, old, ahead, not_a_number), 0.1
 @outcomes('Odometry', (Outcome(fault.text, AT_ONCE, BY_ITSELF, 'no odometry', TIMEOUT)
                        for fault in LATE))
 @pytest.mark.parametrize('seed', SEEDS[:1])
-@pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize(('base', 'output', 'rate'), CASES)
 @pytest.mark.parametrize('fault', LATE)
-def test_odometry_that_is_late_or_no_pose_stops_the_robot(monkeypatch, fault, base, rate, seed):
+def test_odometry_that_is_late_or_no_pose_stops_the_robot(monkeypatch, fault, base, output, rate,
+                                                          seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, base, rate)
+    world = make_world(monkeypatch, base, rate, output=output)
     world.locate = fault(world, random)
     assert world.run(TIMEOUT + world.period + STEPS,
                      until=lambda: world.stopped().startswith('no odometry')), world.stopped()
-    assert not world.twist.any() and not world.velocity.any()
+    assert not world.twist.any()
+    world.settle()
     stopped_at = world.base.copy()
-    world.run(1.5)
+    world.run(0.9 if world.holds else 1.5)
     assert (world.base == stopped_at).all()
     world.locate = lambda world: [world.odometry()]
     assert world.run(1.0, until=lambda: drives(world)), world.stopped()
 
 
 @outcomes('Odometry', [Outcome('the pose jumps', AT_ONCE, START, 'odometry jumped by', STEPS)])
-@pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize(('base', 'output', 'rate'), CASES)
 @pytest.mark.parametrize('distance', [0.5, 5.0])
-def test_odometry_that_jumps_stops_the_robot_until_a_start(monkeypatch, base, rate, distance):
-    world = make_world(monkeypatch, base, rate)
+def test_odometry_that_jumps_stops_the_robot_until_a_start(monkeypatch, base, output, rate,
+                                                           distance):
+    world = make_world(monkeypatch, base, rate, output=output)
     world.base = world.robot.integrate(
         np.concatenate((world.base, world.q)),
         np.concatenate((np.eye(len(world.twist))[0], np.zeros(7))), distance)[:len(world.base)]
@@ -128,10 +132,9 @@ RUNS_AWAY = 0.4
 
 @outcomes('Odometry', [Outcome('the pose runs away in small steps', AT_ONCE, START,
                                'odometry jumped by', RUNS_AWAY)])
-@pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('base', BASES)
-def test_odometry_that_runs_away_in_small_steps_stops_the_robot(monkeypatch, base, rate):
-    world = make_world(monkeypatch, base, rate)
+@pytest.mark.parametrize(('base', 'output', 'rate'), CASES)
+def test_odometry_that_runs_away_in_small_steps_stops_the_robot(monkeypatch, base, output, rate):
+    world = make_world(monkeypatch, base, rate, output=output)
     # Each step is far below what may lie between two messages.
     world.slip = lambda velocity: 6.0 * np.ones_like(velocity)
     assert world.run(RUNS_AWAY, until=world.stopped), world.base
@@ -169,11 +172,11 @@ ASTRAY, FOLLOWS = (frozen, blocked, reversed_, fast), 1.5
 
 @outcomes('Odometry', (Outcome(fault.text, AT_ONCE, START, 'does not follow', FOLLOWS)
                        for fault in ASTRAY))
-@pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize(('base', 'output', 'rate'), CASES)
 @pytest.mark.parametrize('fault', ASTRAY)
-def test_a_base_that_does_not_follow_is_stopped_until_a_start(monkeypatch, fault, base, rate):
-    world = make_world(monkeypatch, base, rate)
+def test_a_base_that_does_not_follow_is_stopped_until_a_start(monkeypatch, fault, base, output,
+                                                              rate):
+    world = make_world(monkeypatch, base, rate, output=output)
     fault(world)
     assert world.run(FOLLOWS, until=world.stopped)
     assert 'base_x does not follow' in world.stopped() and not world.twist.any()
@@ -187,12 +190,13 @@ SLOWER, FOLLOWS_SLOWLY = (0.3, 0.1), 5.5
 @outcomes('Odometry', (Outcome(f'{fault.text}, and the base is slower than 0.375 m/s', AT_ONCE,
                                START, 'does not follow', FOLLOWS_SLOWLY)
                        for fault in (frozen, blocked)))
-@pytest.mark.parametrize('rate', RATES[:2])
-@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize(('base', 'output', 'rate'), [
+    *((base, 'velocity', rate) for base in BASES for rate in RATES[:2]), *OUTPUTS])
 @pytest.mark.parametrize('speed', SLOWER)
 @pytest.mark.parametrize('fault', [frozen, blocked])
-def test_a_slow_base_that_does_not_follow_is_stopped_later(monkeypatch, fault, speed, base, rate):
-    world = make_world(monkeypatch, base, rate)
+def test_a_slow_base_that_does_not_follow_is_stopped_later(monkeypatch, fault, speed, base, output,
+                                                           rate):
+    world = make_world(monkeypatch, base, rate, output=output)
     world.controller.set_velocity_limits({'base_x': speed})
     world.run(1.0)
     assert np.abs(world.twist).max() == pytest.approx(speed, rel=0.01)

@@ -7,6 +7,7 @@ from fault_table import (
     AT_ONCE,
     BY_ITSELF,
     fault_text,
+    NOTHING,
     Outcome,
     outcomes,
     RAMPED,
@@ -15,8 +16,9 @@ from fault_table import (
 import numpy as np
 import pytest
 from robots import PANDA_DH, PANDA_READY
-from test_joint_states import JOINTS, make_world, ROBOT
+from test_joint_states import JOINTS, make_world, ROBOT, runs
 from tp_controller import Robot
+from tp_controller.ros.declarations.controller import OUTPUTS
 from world import STATE_PERIOD, World
 
 DECELERATION = 4.0
@@ -67,11 +69,11 @@ ACTS = {stop: (START, 'stopped'), deactivate: ('activation', 'inactive'),
 
 @outcomes('Decisions', (Outcome(act.text, RAMPED, *ends, 0.02)
                         for act, ends in ACTS.items()))
-@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 1))
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('act', ACTS)
-def test_a_stop_is_ramped_where_positions_are_known(monkeypatch, act, rate, seed):
-    world, _ = moving_world(monkeypatch, rate, seed, stop_deceleration=DECELERATION)
+def test_a_stop_is_ramped_where_positions_are_known(monkeypatch, act, rate, output, seed):
+    world, _ = moving_world(monkeypatch, rate, seed, stop_deceleration=DECELERATION, output=output)
     before, count, began = world.velocity.copy(), len(world.monitor.commands), world.now
     act(world)
     assert world.run(2.0, until=lambda: not world.velocity.any())
@@ -91,11 +93,12 @@ def test_a_stop_is_ramped_where_positions_are_known(monkeypatch, act, rate, seed
     assert not world.velocity.any() and ACTS[act][1] in world.loop.stop_reason
 
 
+@pytest.mark.parametrize('output', OUTPUTS)
 @pytest.mark.parametrize('rate', RATES)
-def test_a_ramped_stop_passes_no_position_limit(monkeypatch, rate):
+def test_a_ramped_stop_passes_no_position_limit(monkeypatch, rate, output):
     # A stop that would take 2 rad, in front of a limit.
     world = World(monkeypatch, WHOLE, f'- reach: {{type: joint, joints: [{", ".join(JOINTS)}], '
-                  'gain: 5.0}\n', PANDA_READY, rate=rate, stop_deceleration=0.5)
+                  'gain: 5.0}\n', PANDA_READY, rate=rate, stop_deceleration=0.5, output=output)
     goal = np.array(PANDA_READY)
     goal[0] = WHOLE.upper[0]
     assert world.run(1.0, until=lambda: not world.stopped())
@@ -210,15 +213,20 @@ def offset(q):
 OUTSIDE, SOON = (degrees, zeros, far_off, offset), 0.2
 
 
-@outcomes('At a start', (Outcome(wrong.text, AT_ONCE, START, 'wrong unit or offset?', SOON)
-                         for wrong in OUTSIDE))
+@outcomes('At a start', (Outcome(wrong.text, AT_ONCE, START, 'wrong unit or offset?', SOON,
+                                 NOTHING) for wrong in OUTSIDE))
+@pytest.mark.parametrize('output', OUTPUTS)
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('wrong', OUTSIDE)
-def test_a_robot_that_is_outside_its_limits_at_a_start_is_not_moved(monkeypatch, wrong, rate):
-    world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', PANDA_READY, rate=rate)
+def test_a_robot_that_is_outside_its_limits_at_a_start_is_not_moved(monkeypatch, wrong, rate,
+                                                                    output):
+    world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', PANDA_READY, rate=rate,
+                  output=output)
     world.report = lambda world: [world.state(wrong(world.q))]
     assert world.run(SOON, until=lambda: 'wrong unit or offset?' in world.stopped())
     world.run(3.0)
+    # Positions are commanded from the first motion on.
+    assert world.target is None
     assert (world.q == PANDA_READY).all() and 'call ~/start to go on' in world.stopped()
     assert 'outside its position limits' in world.loop.lasting()
     # The driver is put right.
@@ -229,10 +237,11 @@ def test_a_robot_that_is_outside_its_limits_at_a_start_is_not_moved(monkeypatch,
     assert world.run(1.0, until=lambda: not world.stopped())
 
 
-def test_a_robot_that_stands_a_little_outside_is_led_back(monkeypatch):
+@pytest.mark.parametrize('output', OUTPUTS)
+def test_a_robot_that_stands_a_little_outside_is_led_back(monkeypatch, output):
     q = np.array(PANDA_READY)
     q[5] = ROBOT.upper[5] + 0.04
-    world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', q)
+    world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', q, output=output)
     world.run(3.0)
     assert not world.stopped() and world.q[5] <= ROBOT.upper[5] + 1e-6
 
@@ -257,12 +266,13 @@ SLIPPED = 0.35
 
 @outcomes('Joint states', [Outcome('an encoder slips, in small steps', AT_ONCE, START, 'jumped by',
                                    SLIPPED)])
-@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 1))
 @pytest.mark.parametrize('rate', RATES)
 @pytest.mark.parametrize('speed', [-20.0, 10.0, 20.0])
-def test_an_encoder_that_slips_in_small_steps_stops_the_robot(monkeypatch, speed, rate, seed):
+def test_an_encoder_that_slips_in_small_steps_stops_the_robot(monkeypatch, speed, rate, output,
+                                                              seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, random, rate=rate)
+    world = make_world(monkeypatch, random, rate=rate, output=output)
     began, joint = world.now, random.integers(7)
     slip = np.where(np.arange(7) == joint, speed, 0.0)
     world.report = lambda world: [world.state(world.q + slip * (world.now - began))]
@@ -275,13 +285,13 @@ FARTHER = 2.5
 
 @outcomes('Robot', [Outcome('joints move much farther than commanded', AT_ONCE, START,
                             'does not follow', FARTHER)])
-@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 1))
 @pytest.mark.parametrize('rate', RATES)
-def test_a_robot_that_moves_farther_than_commanded_is_stopped(monkeypatch, rate, seed):
+def test_a_robot_that_moves_farther_than_commanded_is_stopped(monkeypatch, rate, output, seed):
     random = np.random.default_rng(seed)
     # Slowly, so that no velocity limit gives it away, and all the way in one direction.
     world = World(monkeypatch, ROBOT, f'- reach: {{type: joint, joints: [{", ".join(JOINTS)}], '
-                  'gain: 0.04}\n', PANDA_READY, rate=rate)
+                  'gain: 0.04}\n', PANDA_READY, rate=rate, output=output)
     assert world.run(1.0, until=lambda: not world.stopped())
     goal = np.array(PANDA_READY)
     goal[random.integers(3)] += random.choice([-1.0, 1.0])

@@ -9,7 +9,7 @@ import itertools
 from types import SimpleNamespace
 
 from geometry_msgs.msg import TwistStamped
-from monitor import Monitor
+from monitor import Monitor, PositionMonitor
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -25,12 +25,22 @@ from tp_controller.ros.loop import control_loop as loop_module
 from tp_controller.ros.loop.base_topics import fill_odometry, twist_of
 from tp_controller.ros.loop.control_loop import ControlLoop
 from tp_controller.ros.loop.shared_controller import SharedController
+from trajectory_msgs.msg import JointTrajectory
 
 # Step of the world, and between two joint states [s].
 STEP, STATE_PERIOD = 0.001, 0.005
 # The clock of the robot's computer is another one.
 CLOCK_OFFSET = 1.7e9
+# Longest time in which a drive goes to a position, and its time constant [s].
+LONGEST_WAY, DRIVE_SECONDS = 0.05, 0.02
+# Time in which the robots of these tests brake, and come to the last positions [s].
+BRAKING_SECONDS = 0.6
 DEFAULTS = {spec.name: spec.default for spec in PARAMETERS}
+
+
+def ideal(velocity):
+    """Return the velocities of a robot that does as it is told."""
+    return velocity
 
 
 class Queue:
@@ -81,7 +91,9 @@ class WorldNode:
 
     def create_publisher(self, kind, topic, qos, **_):
         """Return what hands commands to the world."""
-        hear = self._world.hear if kind is Float64MultiArray else self._world.hear_base
+        world = self._world
+        hear = {'velocity_controller/commands': world.hear, 'cmd_vel': world.hear_base}.get(
+            topic, world.hear_positions)
         return SimpleNamespace(publish=hear)
 
     def get_parameter(self, name):
@@ -97,6 +109,8 @@ class WorldNode:
 class World:
     """
     A robot that goes on as it was told last, its joint states, and the loop that controls it.
+
+    Where it is told positions, it goes to each on a line, within the time between the last two.
 
     Parameters
     ----------
@@ -117,7 +131,9 @@ class World:
     frozen : bool
         The process of the controller is stopped.
     plant : callable
-        Called with the command; returns the velocities that the robot has.
+        Called with the command, or the velocities to the commanded positions; returns the
+        velocities that the robot has. If it is `ideal`, a robot that is away from commanded
+        positions comes to them.
     monitor : Monitor
     told : list of str
         Why the robot was stopped, one after another.
@@ -139,13 +155,17 @@ class World:
         self.period = 1.0 / values['rate'] if values['rate'] else values['state_timeout']
         self.q = np.array(q, dtype=float)
         self.velocity = np.zeros(len(robot.joint_names))
+        # Where positions are commanded: the last ones, and where the drives are on their way.
+        self.target, self.setpoint, self.arrives = None, self.q, self.now
         # Where base and joints truly are, and how the base was commanded to move.
         self.base = robot.configuration(self.q)[:robot.nq - len(self.q)]
         self.twist = np.zeros(robot.n - len(self.q))
         self.locate, self.slip = (lambda world: [world.odometry()]), (lambda velocity: velocity)
         self.heard_at = self.now
-        self.monitor, self.told, self.located = Monitor(), [], []
-        self.report, self.plant = (lambda world: [world.state()]), (lambda velocity: velocity)
+        self.holds = values['output'] != 'velocity'
+        self.monitor = PositionMonitor() if self.holds else Monitor()
+        self.told, self.located = [], []
+        self.report, self.plant = (lambda world: [world.state()]), ideal
         self.frozen, self.receiver_timeout = False, np.inf
         self.controller = SharedController(robot, Stack.from_yaml(stack, robot),
                                            Settings(period=self.period))
@@ -188,6 +208,30 @@ class World:
         self.velocity, self.heard_at = np.array(velocity), self.now
         self.monitor.command(self.now, velocity)
 
+    def hear_positions(self, raw):
+        """Take commanded positions, alone or as a trajectory of one point."""
+        trajectory = self.values['output'] == 'trajectory'
+        message = deserialize_message(raw, JointTrajectory if trajectory else Float64MultiArray)
+        if trajectory:
+            point, = message.points
+            assert message.joint_names == list(self.robot.joint_names)
+            assert message.header.stamp.sec == message.header.stamp.nanosec == 0
+            assert not point.velocities and not point.time_from_start.sec
+            assert 2e7 <= point.time_from_start.nanosec <= max(2.0e9 * self.period, 2e7)
+        target = np.array(point.positions if trajectory else message.data)
+        interval, self.heard_at = self.now - self.heard_at, self.now
+        if self.target is None or interval > LONGEST_WAY:
+            # The first command, or a start: the robot may have been moved meanwhile.
+            self.setpoint = target if self.target is None else self.setpoint
+            interval = LONGEST_WAY
+        elif interval == 0.0:
+            interval = STEP
+        self.monitor.positions_command(self.now, target, self.q)
+        self.target, self.arrives = target, self.now + interval
+        velocity = (target - self.setpoint) / interval
+        # But for rounding errors.
+        self.velocity = np.where(np.abs(velocity) < 1e-9, 0.0, velocity)
+
     def run(self, seconds, until=None):
         """Let time go by, or until something has happened; return whether it has."""
         for _ in range(round(seconds / STEP)):
@@ -200,6 +244,16 @@ class World:
         """Return why the robot is stopped."""
         return self.loop.stop_reason
 
+    def settle(self):
+        """Let a robot whose positions are commanded brake; check that it is at rest."""
+        if self.holds:
+            self.run(BRAKING_SECONDS)
+        assert not self.velocity.any()
+
+    def is_at(self, q):
+        """Return whether the robot is where it was, or comes there, if it is told positions."""
+        return np.allclose(self.q, q, rtol=0.0, atol=1e-6 if self.holds else 0.0)
+
     def moving(self):
         """Return whether the robot is commanded to move, by more than a little."""
         return bool(np.abs(self.velocity).max() > 0.2)
@@ -209,7 +263,7 @@ class World:
         self.now += STEP
         if self.now - self.heard_at > self.receiver_timeout:
             self.velocity = np.zeros(len(self.q))
-        self.q = self.q + STEP * self.plant(self.velocity)
+        self.q = self.q + STEP * (self._driven() if self.holds else self.plant(self.velocity))
         if self.robot.moves:
             whole = np.concatenate((self.base, self.q))
             moved = self.robot.integrate(whole, np.concatenate((
@@ -224,6 +278,16 @@ class World:
                 self.node.queues[1].put(message)
         if not self.frozen:
             self._run_loop()
+
+    def _driven(self):
+        """Return the velocities of a robot that goes to commanded positions."""
+        if self.now > self.arrives + 1e-9:
+            self.velocity = np.zeros(len(self.q))
+        self.setpoint = self.setpoint + STEP * self.velocity
+        velocity, limit = self.plant(self.velocity), self.robot.velocity[self.robot.joint_columns]
+        if self.plant is ideal and self.target is not None:
+            velocity = velocity + (self.setpoint - self.q) / DRIVE_SECONDS
+        return np.clip(velocity, -limit, limit)
 
     def _run_loop(self):
         """Do what an executor does."""

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from robots import CONFIG, panda, PANDA_DH, PANDA_READY, PANDA_TOOL
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from tp_controller.model.spatial import quaternion_from_rotation, rotation_from_rpy
 from tp_controller.ros.client.goal_fields import make_message
+from trajectory_msgs.msg import JointTrajectory
 
 START = str(dict(zip(panda().joint_names, PANDA_READY)))
 STACK = (CONFIG / 'demo_stack.yaml').read_text()
@@ -27,19 +29,38 @@ class Loop:
     around its goal for ever.
     """
 
-    def __init__(self, harness, speed=1.0, rate=50.0):
+    def __init__(self, harness, speed=1.0, rate=50.0, output='velocity', **simulated):
         self.harness = harness
         # Simulated time does not wait for a busy machine, so joint states would be old by stamps.
         # At rate 0 the timeout counts as the period, which bounds the gains.
         harness.controller(robot=str(PANDA_DH), stack=STACK, use_sim_time=True, rate=rate,
                            status_rate=100.0, check_stamps=False,
-                           state_timeout=0.3 if rate else 0.1)
+                           state_timeout=0.3 if rate else 0.1, output=output)
         harness.simulator(robot=str(PANDA_DH), speed=speed, publish_clock=True, rate=50.0,
-                          initial_positions=START)
+                          initial_positions=START, **simulated)
         self.commands, self.status = harness.commands(), Status(harness)
         self.states = harness.record(JointState, '/joint_states', 500)
         self._goal = harness.publisher(PoseStamped, '/tp_controller/tool/goal')
         harness.spin_until(lambda: self.status.head == 'running')
+
+    def positions(self):
+        """Return lists that grow by commanded positions, and by the times to go there."""
+        positions, times = [], []
+
+        def on_point(message):
+            point, = message.points
+            assert message.joint_names == list(panda().joint_names)
+            assert message.header.stamp.sec == message.header.stamp.nanosec == 0
+            assert not (point.velocities or point.accelerations or point.effort)
+            positions.append(list(point.positions))
+            times.append(point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec)
+
+        node = self.harness.node
+        node.create_subscription(Float64MultiArray, '/position_controller/commands',
+                                 lambda message: positions.append(list(message.data)), 500)
+        node.create_subscription(JointTrajectory, '/joint_trajectory_controller/joint_trajectory',
+                                 on_point, 500)
+        return positions, times
 
     def send(self, **goal):
         """Send a goal for the tool, and wait for the answer."""
@@ -74,6 +95,33 @@ def test_a_pose_goal_is_reached_without_exceeding_any_limit(any_harness, rate):
     beyond = np.maximum(panda().lower - q, q - panda().upper).max(axis=0)
     delayed = len(loop.commands) < 0.95 * len(loop.states)
     assert (beyond < (0.5 * panda().velocity if delayed else 0.0)).all()
+
+
+@pytest.mark.parametrize('output', ['position', 'trajectory'])
+@pytest.mark.parametrize('rate', [50.0, 0.0])
+def test_a_pose_goal_is_reached_by_commanded_positions_which_a_stop_holds(harness, rate, output):
+    loop = Loop(harness, rate=rate, output=output, lag=0.05)
+    positions, times = loop.positions()
+    # They begin where the robot is.
+    harness.spin_for_more(positions)
+    np.testing.assert_allclose(positions[0], PANDA_READY, atol=1e-2)
+    loop.send(**GOAL)
+    loop.spin_until_reached()
+    harness.spin_until(lambda: np.allclose(loop.position(), GOAL['xyz'], atol=2e-3))
+    assert harness.trigger('stop').success
+    harness.spin_until(lambda: loop.status.head.startswith('stopped'))
+    still = harness.spin_for_more(positions, 20)
+    assert still[-1] == still[-10] and not loop.commands
+    # And the robot is there, which goes on from there.
+    harness.spin_until(lambda: np.allclose(loop.states[-1].position, still[-1], atol=1e-3))
+    assert harness.trigger('start').success
+    harness.spin_until(lambda: loop.status.head == 'running')
+    harness.spin_for_more(positions, 20)
+    np.testing.assert_allclose(positions[-20:], still[-1:] * 20, atol=5e-3)
+    found = np.array(positions)
+    assert (found >= panda().lower - 1e-9).all() and (found <= panda().upper + 1e-9).all()
+    assert bool(times) == (output == 'trajectory')
+    assert all(0.02 <= seconds <= 0.31 for seconds in times)
 
 
 def test_the_error_of_the_tool_decays_with_its_gain(harness):

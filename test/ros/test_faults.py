@@ -344,7 +344,8 @@ def test_a_silent_newcomer_does_not_stop_a_robot_that_has_just_begun_to_move(har
 
 
 @outcomes('Other nodes', [Outcome('commands of another node are received in motion', AT_ONCE
-                                  + f', then {NOTHING}', START, 'publishes on', math.inf)])
+                                  + f', then {NOTHING}', START, 'publishes on', math.inf,
+                                  NOTHING)])
 def test_commands_of_another_node_stop_a_robot_that_moves_and_name_the_node(harness, exclusive):
     robot, rival = exclusive, harness.add(Node('rival', namespace='/cell',
                                                context=harness.context))

@@ -124,13 +124,14 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
 
     def halt(self, reason: str) -> None:
         """Command zeros for the last time and report the reason, even if other threads hang."""
-        # A loop that is created or activated from now on is stopped.
-        self._ending = reason
+        self._ending = reason  # also of a loop that is created or activated from now on
         self._update_hold()
         if self.context.ok():
             if self._robot is not None:
                 self._robot.loop.deactivate(reason)
             self._reporter.publish_reason(reason)
+            if self._robot is not None:
+                self._robot.loop.commands.come_to_rest()
 
     def close(self, reason: str) -> None:
         """Command zeros for the last time and report the reason, unless ROS has shut down."""
@@ -297,8 +298,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self._settings = self._settings_of(self._values)
         if self._robot is not None:
             self._robot.apply(changed, self._settings, self._limits)
-            if 'stack' in changed:
-                self._update_hold()
+            self._update_hold()
 
     # Others, services ---------------------------------------------------------------------
 

@@ -19,8 +19,9 @@ from tp_controller.model.mobile_base import BASES
 from tp_controller.ros.adaptive_subscription import AdaptiveSubscription
 from tp_controller.ros.declarations.spec import Spec
 from tp_controller.ros.loop.base_topics import twist_of
-from tp_controller.ros.loop.commands import LAST_ZEROS, TOPIC
+from tp_controller.ros.loop.commands import LAST_ZEROS
 from tp_controller.ros.loop.other_publishers import HEARTBEAT, HEARTBEAT_SECONDS, WATCHDOG
+from tp_controller.ros.loop.outputs import VelocityOutput
 from tp_controller.ros.parameters import (
     accept_numbers,
     declare,
@@ -30,7 +31,7 @@ from tp_controller.ros.parameters import (
 from tp_controller.ros.runner import ClosableNode, run
 from tp_controller.ros.twist_topic import AnyTwist, TwistSubscription
 
-NAME = f'tp_{WATCHDOG}'
+NAME, TOPIC = f'tp_{WATCHDOG}', VelocityOutput.topic
 PARAMETERS = (
     Spec('timeout', 0.2, 'time without a command, after one that moves the robot, after which '
          'zeros are commanded', 's', 0.01, 10.0, True),

@@ -37,12 +37,19 @@ SETTINGS = tuple(
          item.metadata['unit'], item.metadata.get('lower', -math.inf),
          item.metadata.get('upper', math.inf))
     for item in fields(Settings) if item.name != 'period')
+OUTPUTS = ('velocity', 'position', 'trajectory')
 PARAMETERS = (
     *ROBOT,
     Spec('joints', [''], 'driven joints, in the order of `weights` (an empty name: all that can '
          'be driven)', fixed=True),
     Spec('command_joints', [''], 'the driven joints in the order of the commands (an empty name: '
          'as `joints`)', fixed=True),
+    Spec('output', 'velocity', 'commands for the joints: velocity; position, integrated from the '
+         'velocities, for a robot without an interface for velocities; or trajectory, the same as '
+         f'trajectories of one point ({", ".join(OUTPUTS)})', fixed=True, valid=OUTPUTS),
+    Spec('lead', 0.2, 'for the outputs position and trajectory: time by which a robot may be late '
+         'before commanded positions wait for it; at least the lag of its drives', 's', 0.0, 10.0,
+         True),
     Spec('cmd_vel_stamped', True, 'publish cmd_vel of a moving base as TwistStamped, as '
          'diff_drive_controller requires it since Jazzy; else as Twist', fixed=True),
     Spec('stack', '', 'the tasks, the highest priority first: YAML text, a path, or '

@@ -9,6 +9,7 @@ import math
 import re
 from typing import Any
 
+from tp_controller.errors import unknown
 from tp_controller.model.mobile_base import BASES, DEFAULT_WORLD
 from tp_controller.resources import is_number
 
@@ -51,6 +52,8 @@ class Spec:
         Fixed while the node is configured.
     why : str
         Origin of the range, or empty.
+    valid : tuple of str
+        The valid texts; any if it is empty.
 
     """
 
@@ -62,6 +65,7 @@ class Spec:
     upper: float = math.inf
     fixed: bool = False
     why: str = ''
+    valid: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -76,6 +80,8 @@ class Spec:
             return wrong_type(self.name, self.kind, value)
         if self.kind in ('DOUBLE', 'INTEGER') and not self.lower <= float(value) <= self.upper:
             return out_of_range(self.name, self.lower, self.upper, value, self.why)
+        if self.valid and value not in self.valid:
+            return unknown(self.name, value, self.valid)
         return ''
 
     def _fits(self, value: object) -> bool:

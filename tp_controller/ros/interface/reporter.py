@@ -186,6 +186,8 @@ class Reporter:
                      records: Mapping[str, GoalRecord]) -> DiagnosticArray:
         """Return the status with a reason for zeros, and reports of the tasks."""
         loop = self._loop
+        if loop is not None:
+            loop.figures.lead = loop.commands.output.lead
         figures = (loop.figures if loop else Figures(math.inf)).as_text()
         self._wait()
         return diagnostics(self._node.get_clock().now().to_msg(), self._name, reason, report,

@@ -10,6 +10,7 @@ from tp_controller.control.settings import Settings
 from tp_controller.errors import SettingsError
 from tp_controller.ros.declarations.controller import SETTINGS
 from tp_controller.ros.declarations.spec import EQUAL
+from tp_controller.ros.loop.outputs import output_type
 
 
 def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Settings:
@@ -19,7 +20,7 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
     Parameters
     ----------
     values : dict
-        Values of `SETTINGS`.
+        Values of `SETTINGS`, and `output`.
     period : float
         [s]
     origin : str
@@ -32,6 +33,9 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
 
     """
     given = {spec.name: values[spec.name] for spec in SETTINGS}
+    if output_type(values['output']).holds:
+        # Commanded positions reflect all commands at once.
+        given['command_delay'] = 0
     given['workspace'] = tuple(given['workspace'])
     given['weights'] = None if list(given['weights']) == EQUAL else tuple(given['weights'])
     try:

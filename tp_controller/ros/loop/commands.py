@@ -1,32 +1,38 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Publication of velocity commands for joints and base, from any thread."""
+"""Publication of commands for joints and base, from any thread."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from threading import Lock
+import time
+from typing import Any
 
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_msgs.msg import Float64MultiArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.ros.loop.base_topics import FixedBase, MovingBase
 from tp_controller.ros.loop.clocks import boot_time
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
+from tp_controller.ros.loop.outputs import Moment, output_type
+from tp_controller.ros.loop.ramped_stop import LONGEST_RAMP
 
-TOPIC = 'velocity_controller/commands'
 # Timeout for the acknowledgement of the last zeros when the node ends [s].
 LAST_ZERO_SECONDS = 0.5
 # Number of final zero commands, since a message may get lost.
 LAST_ZEROS = 3
+# Time between two commands of a stop that no cycle continues [s].
+STOP_PERIOD = 0.01
 
 
 class Commands:
     """
     Publisher of the velocities of a cycle, unless the cycle has been interrupted.
+
+    Where positions are published, "zeros" are those of a robot that brakes and then stays.
 
     Parameters
     ----------
@@ -40,11 +46,15 @@ class Commands:
     base : MovingBase or FixedBase
     qos : rclpy.qos.QoSProfile
         Quality of service offered to subscribers.
+    values : dict
+        Parameters of the controller node.
+    clock : callable
+        Returns the time on the clock of the robot [s].
 
     Attributes
     ----------
-    joints : NumbersPublisher
-        Publisher of the joint velocities.
+    output : VelocityOutput
+        Output for the driven joints.
     interruptions : int
         Number of calls of `interrupt`; a cycle reads it when it begins.
     silent : bool
@@ -53,22 +63,31 @@ class Commands:
     """
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
-                 names: list[str], base: MovingBase | FixedBase, qos: QoSProfile) -> None:
-        self._base = base
-        self._order = np.array([robot.joint_index(name) for name in names], dtype=int)
-        self._zeros = np.zeros(robot.n)
-        self.joints = NumbersPublisher(node, Float64MultiArray(data=[0.0] * len(names)),
-                                       len(names), topic(TOPIC), qos)
+                 names: list[str], base: MovingBase | FixedBase, qos: QoSProfile,
+                 values: Mapping[str, Any], clock: Callable[[], float]) -> None:
+        self._base, self._clock = base, clock
+        self._columns, self._zeros = robot.joint_columns, np.zeros(robot.n)
+        self.output = output_type(values['output'])(node, topic, robot, names, qos, values)
         self._gate = Lock()
         self.interruptions = 0
         self.silent = False
 
     @property
+    def stopped(self) -> str:
+        """Return a description of the commands of a robot that is stopped."""
+        return 'nothing' if self.silent else self.output.stopped
+
+    @property
     def publishers(self) -> list[NumbersPublisher]:
         """Return the publishers of joints and base."""
-        return [self.joints, *self._base.publishers]
+        return [self.output.publisher, *self._base.publishers]
 
-    def publish(self, velocity: Array, noted: int, latest: float) -> bool:
+    @property
+    def watched(self) -> list[NumbersPublisher]:
+        """Return the publishers whose silence does not stop the robot: a watchdog has to."""
+        return self.publishers[1:] if self.output.holds else self.publishers
+
+    def publish(self, velocity: Array, noted: int, latest: float, moment: Moment) -> bool:
         """
         Publish velocities (n,) of a cycle that read `noted` interruptions when it began.
 
@@ -78,39 +97,60 @@ class Commands:
         with self._gate:
             if noted != self.interruptions or boot_time() > latest:
                 return False
-            self._put(velocity)
+            if not self.silent:
+                self.output.command(velocity[self._columns], moment)
+                self._base.publish(velocity)
             return True
 
-    def zeros(self) -> None:
-        """Publish zeros."""
+    def zeros(self, measured: Array | None = None) -> None:
+        """Publish zeros; `measured` positions (m,) of the driven joints, if they are known."""
         with self._gate:
-            self._put(self._zeros)
+            self._put_zeros(measured)
 
     def interrupt(self, times: int = 1) -> None:
         """Publish zeros, and prevent the current cycle from publishing velocities."""
         with self._gate:
             self.interruptions += 1
             for _ in range(times):
-                self._put(self._zeros)
+                self._put_zeros(None)
 
     def withdraw(self) -> None:
         """Publish zeros for the last time, and leave the robot to another node."""
-        if not self.silent:
+        if self.silent:
+            return
+        if self.output.holds:
+            # Positions of two nodes in turns would make the robot jump; without any it stays.
+            with self._gate:
+                self.interruptions += 1
+                for _ in range(LAST_ZEROS):
+                    self._base.publish(self._zeros)
+        else:
             self.interrupt(LAST_ZEROS)
-            self.silent = True
+        self.silent = True
+        self.output.forget()
+
+    def come_to_rest(self) -> None:
+        """Publish zeros until the robot is commanded to rest, for at most `LONGEST_RAMP`."""
+        for _ in range(round(LONGEST_RAMP / STOP_PERIOD)):
+            if self.output.at_rest:
+                return
+            time.sleep(STOP_PERIOD)
+            self.zeros()
 
     def wait(self) -> None:
-        """Wait until the last command is acknowledged, for at most `LAST_ZERO_SECONDS`."""
+        """Come to rest, and wait until the last command is acknowledged (`LAST_ZERO_SECONDS`)."""
+        self.come_to_rest()
         for publisher in self.publishers:
             publisher.wait_for_all_acked(Duration(seconds=LAST_ZERO_SECONDS))
 
     def close(self) -> None:
         """Destroy the publishers."""
+        self.come_to_rest()
         self._base.close()
-        self.joints.close()
+        self.output.publisher.close()
 
-    def _put(self, velocity: Array) -> None:
-        """Publish velocities (n,)."""
+    def _put_zeros(self, measured: Array | None) -> None:
+        """Publish zeros."""
         if not self.silent:
-            self.joints.publish(velocity[self._order])
-            self._base.publish(velocity)
+            self.output.stop(self._clock(), measured)
+            self._base.publish(self._zeros)

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The control loop: joint states and odometry in, velocities out."""
+"""The control loop: joint states and odometry in, commands out."""
 
 from collections.abc import Callable
 import math
@@ -15,10 +15,10 @@ from rclpy.timer import Timer
 from tp_controller.control.report import Report
 from tp_controller.errors import EvaluationError, in_words, RobotError, TpControllerError
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array
 from tp_controller.ros.log import Log
 from tp_controller.ros.loop.base_topics import make_base
 from tp_controller.ros.loop.clocks import boot_time, RobotClock
+from tp_controller.ros.loop.commanded_motion import Beginning, CommandedMotion
 from tp_controller.ros.loop.commands import Commands, LAST_ZEROS
 from tp_controller.ros.loop.cycle_scheduling import Gaps
 from tp_controller.ros.loop.deadlines import promise
@@ -35,6 +35,7 @@ from tp_controller.ros.parameters import names_in
 SHORTEST_STALL = 0.05
 LATE_CYCLE = 'no cycle was completed within watchdog_timeout'
 INACTIVE = 'inactive; activate the node to go on'
+BRAKING = 'coming to rest after a stop'
 
 
 class ControlLoop:
@@ -84,17 +85,20 @@ class ControlLoop:
         names = _ordered(robot, names_in(values['command_joints']))
         qos = promise(values['command_deadline'])
         base = make_base(node, topic, robot, qos, values)
-        self.commands = Commands(node, topic, robot, names, base, qos)
+        self._clock = clock = RobotClock(node)
+        self.commands = Commands(node, topic, robot, names, base, qos, values,
+                                 lambda: clock.time(boot_time()))
         self.stops = Stops(values['settle_time'])
-        self._clock = RobotClock(node)
         self.measurements = Measurements(robot, base, values, self.stops, log, boot_time,
-                                         self._clock)
+                                         clock)
         self.checks = MotionChecks(robot, base, values)
         self.permits = Permits(node, topic, values, self.stops, boot_time)
         self.ramp = RampedStop(controller, values['stop_deceleration'])
+        self._motion = CommandedMotion(controller, self.measurements, self.commands, self.ramp,
+                                       self.checks, self.permits, self.stops)
         self.hold = self.stop_reason = INACTIVE
         self.unmet = self._ending = ''
-        self.active, self._resting, self._noted = False, True, 0
+        self.active, self._noted = False, 0
         self.report: Report | None = None
         self.reported = -math.inf
         self.figures = Figures(1.0 / self._rate if self._rate > 0.0 else math.inf)
@@ -145,6 +149,7 @@ class ControlLoop:
     def activate(self) -> None:
         """Activate the loop, which uses messages received from now on."""
         self.measurements.discard()
+        self.commands.output.resume()
         self._last_callback = self.completed = boot_time()
         self.active, self._ending = True, ''
 
@@ -155,7 +160,7 @@ class ControlLoop:
 
     def come_to_rest(self, reason: str) -> None:
         """Deactivate the loop after a ramped stop, or at once at rest."""
-        if self.ramp.deceleration and self.active and not self._resting:
+        if self.active and self._motion.ends_slowly:
             self.hold, self._ending = reason, reason
         else:
             self.deactivate(reason)
@@ -213,7 +218,7 @@ class ControlLoop:
         self.figures.stalls += 1
         self._log.warning(f'the node stood still for {silence:.2g} s', 'stall')
         self.stops.interrupt(f'the node stood still for longer than {self._stall:g} s', now)
-        self._zeros()
+        self._motion.zeros(now)
         self._set_stop_reason(self._find_stop_reason(now))
         self.completed = now
         return True
@@ -226,34 +231,36 @@ class ControlLoop:
         robot_time = self._clock.time(now)
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
-        noted = self.commands.interruptions
+        motion, noted = self._motion, self.commands.interruptions
+        cycle = Beginning(now, robot_time, elapsed, noted, now + self._stall)
         if not self.active:
             # The loop was deactivated, with its last zeros, after this callback began.
             return
         if noted != self._noted:
             # Another thread has commanded zeros since: the motion begins from rest.
             self._noted = noted
-            self._rest()
+            motion.rest(now)
         reason = self._find_stop_reason(now)
-        if self._resting and not reason:
+        if motion.resting and not reason:
             # A joint may be outside its limits before it moves.
             self.stops.latch(self.checks.limits.outside(self.measurements.joints.q))
             reason = self._find_stop_reason(now)
-        reason = reason or self._command(now, robot_time, elapsed, noted)
-        if reason and not self._slow_down(now, robot_time, elapsed, noted):
-            self._zeros()
+            reason = reason or ('' if motion.is_over else BRAKING)
+        reason = reason or self._command(cycle)
+        if reason and not motion.slow_down(cycle):
+            motion.zeros(boot_time())
         self._set_stop_reason(reason)
-        if self._ending and self._resting:
-            self.deactivate(self._ending)
+        self._end_at_rest()
         self.completed = boot_time()
         self.figures.add(now, self.completed, self.measurements.received)
         self.gaps.begin(self.completed)
 
-    def _command(self, now: float, robot_time: float, elapsed: float, noted: int) -> str:
+    def _command(self, cycle: Beginning) -> str:
         """Command velocities; return the reason if that fails, else an empty string."""
+        now = cycle.now
         try:
-            command = self._controller.update(self.measurements.configuration(), now,
-                                              self.measurements.passive, elapsed)
+            command = self._controller.update(self._motion.configuration(cycle), now,
+                                              self.measurements.passive, cycle.elapsed)
         except EvaluationError as error:
             self.stops.latch(str(error), abrupt=False)
             return self._find_stop_reason(now)
@@ -263,51 +270,25 @@ class ControlLoop:
             self.stops.latch(in_words(error), abrupt=False)
             self._log.error(traceback.format_exc(), in_words(error))
             return self._find_stop_reason(now)
-        if self.commands.publish(command.velocity, noted, now + self._stall):
-            self.report, self.reported, self._resting = command.report, now, False
-            self.ramp.reset()
-            self._check_motion(command.velocity, robot_time)
+        if self._motion.publish(command.velocity, cycle):
+            self.report, self.reported = command.report, now
+            self._motion.begin()
             return ''
         took = boot_time() - now
         if took > self._stall:
             self.stops.interrupt(f'a cycle took longer than {self._stall:g} s', now + took)
         return self._find_stop_reason(now + took) or 'interrupted'
 
-    def _slow_down(self, now: float, robot_time: float, elapsed: float, noted: int) -> bool:
-        """Command the next velocity of a ramped stop; return False once it is over."""
-        if self._resting or not self.ramp.deceleration or self.stops.abrupt \
-                or self.measurements.missing(now):
-            return False
-        velocity = self.ramp.velocity(self.measurements.configuration(), now, elapsed)
-        if not velocity.any() or not self.commands.publish(velocity, noted, now + self._stall):
-            return False
-        self._check_motion(velocity, robot_time)
-        return True
-
-    def _check_motion(self, velocity: Array, now: float) -> None:
-        """Stop until ~/start if the robot does not follow or passes a limit."""
-        self.stops.latch(self.checks.fault(self.measurements.joints.q, velocity,
-                                           self.permits.speed, now))
-
-    def _zeros(self) -> None:
-        """Command zeros."""
-        self._rest()
-        self.commands.zeros()
-
-    def _rest(self) -> None:
-        """Reset the state of motion: the next motion begins from rest."""
-        self.ramp.reset()
-        if not self._resting:
-            # There is no command to follow meanwhile.
-            self.checks.forget()
-            self._resting = True
-        self._controller.halt(boot_time())
+    def _end_at_rest(self) -> None:
+        """Deactivate the loop after a ramped stop."""
+        if self._ending and self._motion.is_over:
+            self.deactivate(self._ending)
 
     def _set_stop_reason(self, reason: str) -> None:
         """Set the stop reason; log a change of it, or that the robot moves again."""
         changed, self.stop_reason = reason != self.stop_reason, reason
         if changed and reason:
-            what = 'nothing' if self.commands.silent else 'zeros'
+            what = self.commands.stopped
             self._log.warning(f'commanding {what}: {reason}')
         elif changed:
             self._log.info('running')
@@ -334,8 +315,9 @@ class ControlLoop:
                     return
                 reason = 'simulated time (/clock) stands still'
             if reason:
-                self._zeros()
+                self._motion.zeros(now)
                 self._set_stop_reason(reason)
+                self._end_at_rest()
         self.completed = now
 
 

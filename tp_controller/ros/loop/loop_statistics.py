@@ -33,6 +33,9 @@ class Figures:
         Number of other nodes that publish the same commands.
     listeners, watchdogs : int
         Number of nodes, and of watchdogs, that listen to the commands.
+    lead : float
+        Largest distance of commanded from measured positions, relative to the largest allowed
+        one; NaN if no positions are commanded.
     ignored_description : str
         Hint about a received robot description that is not in use, or empty.
 
@@ -42,6 +45,7 @@ class Figures:
         self._period = period
         self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
         self.other_publishers = self.listeners = self.watchdogs = 0
+        self.lead = np.nan
         self.ignored_description = ''
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = [(np.nan, np.nan, np.nan)] * CYCLES
@@ -69,7 +73,7 @@ class Figures:
                 'missed deadlines': str(self.missed_deadlines),
                 'other publishers': str(self.other_publishers),
                 'listeners': str(self.listeners), 'watchdogs': str(self.watchdogs),
-                'ignored description': self.ignored_description,
+                'lead': f'{self.lead:.3g}', 'ignored description': self.ignored_description,
                 'solver': running(), 'cycles left to Python': str(left_to_the_reference())}
 
 

@@ -103,10 +103,6 @@ class Measurements:
         self.joints.forget()
         self.base.forget()
 
-    def configuration(self) -> Array:
-        """Return the configuration of base and driven joints, (nq,)."""
-        return self.base.configuration(self.joints.q)
-
     def place(self) -> tuple[Array, Array] | None:
         """Return the last received configuration, as `Controller.configuration` does."""
         joints = self.joints.q.copy()

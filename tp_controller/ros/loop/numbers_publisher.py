@@ -4,6 +4,7 @@
 """Publisher of messages of numbers, serialized once."""
 
 from collections import deque
+import struct
 
 import numpy as np
 from rclpy.clock import Clock
@@ -18,6 +19,9 @@ from tp_controller.ros import Message
 RECENT_MESSAGES = 50
 # Bytes before the stamp of a serialized message: the identifier of its representation.
 STAMP_OFFSET = 4
+# Bytes of a trajectory point behind its positions: the lengths of three empty lists, and
+# `time_from_start`.
+BEHIND_POSITIONS = 20
 # [ns]
 SECOND = 10**9
 
@@ -31,7 +35,7 @@ class NumbersPublisher:
     node : rclpy.node.Node
         Node that the publisher belongs to.
     message : Message
-        A message that ends with `count` doubles, and `after` bytes.
+        A message that ends with `count` doubles, or with a trajectory point of so many positions.
     count : int
         Number of doubles.
     topic : str
@@ -39,8 +43,8 @@ class NumbersPublisher:
     qos : rclpy.qos.QoSProfile
     clock : rclpy.clock.Clock, optional
         Clock of the stamp, for a message that begins with a header.
-    after : int
-        Number of constant bytes behind the numbers.
+    marks : ndarray (count,), optional
+        The positions of that point, different from all else in the message.
 
     Attributes
     ----------
@@ -54,11 +58,15 @@ class NumbersPublisher:
     """
 
     def __init__(self, node: Node, message: Message, count: int, topic: str,
-                 qos: QoSProfile, clock: Clock | None = None, after: int = 0) -> None:
+                 qos: QoSProfile, clock: Clock | None = None, marks: Array | None = None) -> None:
         self._node, self.topic, self.kind, self.count = node, topic, type(message), count
         self._message = bytearray(serialize_message(message))
-        self._view = np.frombuffer(self._message, dtype='<f8', count=count,
-                                   offset=len(self._message) - 8 * count - after)
+        start = len(self._message) - 8 * count
+        if marks is not None and count:
+            # The middleware reserves more bytes than it fills.
+            start = self._message.index(marks.tobytes())
+            del self._message[start + 8 * count + BEHIND_POSITIONS:]
+        self._view = np.frombuffer(self._message, dtype='<f8', count=count, offset=start)
         self.type_name = '{}/{}/{}'.format(
             *self.kind.__module__.split('.')[:2], self.kind.__name__)
         self._clock = clock
@@ -74,6 +82,10 @@ class NumbersPublisher:
         message = bytes(self._message)
         self._recent.append(message)
         self._publisher.publish(message)
+
+    def set_time_from_start(self, seconds: float) -> None:
+        """Set the time of the trajectory point [s] in the messages from now on."""
+        self._message[-8:] = struct.pack('<iI', *divmod(round(seconds * SECOND), SECOND))
 
     def is_own(self, message: bytes) -> bool:
         """Return whether a serialized message is one of the last published here."""

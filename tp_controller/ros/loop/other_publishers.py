@@ -77,7 +77,7 @@ class Competitors:
         self._beats: dict[tuple[str, str], float] = {}
         self._pulses = [loop_node.create_subscription(
             String, publisher.topic + HEARTBEAT, partial(self._on_heartbeat, publisher.topic), 10)
-            for publisher in loop.commands.publishers]
+            for publisher in loop.commands.watched]
         if self._exclusive:
             loop.commands.silent, loop.unmet = True, LOOKING
 
@@ -139,7 +139,7 @@ class Competitors:
         # A node that already moves the robot is no newcomer. A base may share its topic with a
         # joystick or a planner that is silent meanwhile.
         is_new = now - self._since < NEW_SECONDS and self._loop.reported < self._since
-        if names and is_new and publisher is self._loop.commands.joints:
+        if names and is_new and publisher is self._loop.commands.output.publisher:
             self._stop(names, topic)
         if names and topic not in self._subscriptions:
             self._subscriptions[topic] = self._loop_node.create_subscription(
@@ -165,12 +165,16 @@ class Competitors:
 
     def _find_unmet(self) -> str:
         """Count the subscribers of the commands; return the requirement that is not met."""
-        listeners, watchdogs = zip(*map(self._count_subscribers, self._loop.commands.publishers))
-        figures = self._loop.figures
-        figures.listeners, figures.watchdogs = min(listeners), min(watchdogs)
-        for required, counts, what in zip(self._required, (listeners, watchdogs),
-                                          ('node listens to', 'watchdog listens to')):
-            for publisher, count in zip(self._loop.commands.publishers, counts):
+        commands, figures = self._loop.commands, self._loop.figures
+        counts = {publisher: self._count_subscribers(publisher)
+                  for publisher in commands.publishers}
+        listeners = {publisher: count for publisher, (count, _) in counts.items()}
+        watchdogs = {publisher: counts[publisher][1] for publisher in commands.watched}
+        figures.listeners = min(listeners.values())
+        figures.watchdogs = min(watchdogs.values(), default=0)
+        for required, counted, what in zip(self._required, (listeners, watchdogs),
+                                           ('node listens to', 'watchdog listens to')):
+            for publisher, count in counted.items():
                 if required and not count:
                     return f'no {what} {publisher.topic}'
         return ''

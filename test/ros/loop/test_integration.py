@@ -1,0 +1,184 @@
+# Copyright 2026 tp_controller contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Velocities that become positions: limits hold for the positions, and they never run away."""
+
+import numpy as np
+import pytest
+from tp_controller.ros.loop.integration import Integration, RESTING_LEAD, stopping_distance
+
+# A fast and a slow joint, and one without an acceleration limit.
+LIMITS = {'lower': np.array([-3.0, -1.0, -np.inf]), 'upper': np.array([3.0, 1.0, np.inf]),
+          'velocity': np.array([2.0, 0.5, 1.0]), 'acceleration': np.array([10.0, 1.0, np.inf])}
+RATES = 20.0, 100.0, 1000.0
+
+
+def integration(rate=100.0, lead=0.2, **limits):
+    """Return the integration for three joints."""
+    return Integration({**LIMITS, **limits}, 1.0 / rate, 0.1, lead)
+
+
+class Drive:
+    """Drives that follow positions, late by a first-order lag; measured with noise."""
+
+    def __init__(self, rate, lag, noise=0.0):
+        self.dt, self.noise = 1.0 / rate, noise
+        self.share = 1.0 - np.exp(-self.dt / lag) if lag else 1.0
+        self.q, self.random = np.zeros(3), np.random.default_rng(0)
+
+    def measure(self):
+        """Return measured positions."""
+        return self.q + self.noise * self.random.standard_normal(3)
+
+    def go(self, positions):
+        """Move for one period."""
+        self.q = self.q + self.share * (positions - self.q)
+
+
+def reach(demand, rate):
+    """Yield velocities that approach a demand within the acceleration limits."""
+    velocity = np.zeros(3)
+    change = LIMITS['acceleration'] / rate
+    while True:
+        velocity = velocity + np.clip(demand() - velocity, -change, change)
+        yield velocity
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_positions_are_the_integral_of_velocities(rate):
+    subject, random = integration(rate), np.random.default_rng(1)
+    velocities = reach(lambda: random.uniform(-1.0, 1.0, 3) * LIMITS['velocity'], rate)
+    positions = expected = before = np.zeros(3)
+    for velocity in (next(velocities) for _ in range(50)):
+        interval = random.uniform(0.5, 1.0) / rate
+        change = LIMITS['acceleration'] * interval
+        velocity = np.clip(velocity, before - change, before + change)
+        before, positions = subject.advance(velocity, before, positions, np.zeros(3), interval)
+        expected = expected + interval * velocity
+        np.testing.assert_allclose(before, velocity, atol=1e-12)
+        np.testing.assert_allclose(positions, expected, atol=1e-12)
+
+
+def test_time_is_made_up_for_a_late_cycle_but_not_for_a_pause_or_a_clock_that_was_set():
+    assert integration(100.0).interval(0.018) == 0.018
+    assert integration(1000.0).interval(0.018) == 0.018
+    assert integration(100.0).interval(3.0) == pytest.approx(0.02)
+    assert integration(100.0).interval(-1.0) == 0.0
+    # A cycle for each joint state, at any rate: the period is the timeout.
+    assert integration(10.0).interval(3.0) == pytest.approx(0.1)
+
+
+def test_velocities_change_within_the_acceleration_limits_whatever_is_demanded():
+    subject, random, velocity = integration(), np.random.default_rng(2), np.zeros(3)
+    positions, change = np.zeros(3), LIMITS['acceleration'] * 0.01
+    for _ in range(300):
+        before = velocity
+        velocity, positions = subject.advance(
+            random.choice([-1.0, 0.0, 1.0], 3) * LIMITS['velocity'], before, positions,
+            random.uniform(-0.5, 0.5, 3), 0.01)
+        assert (np.abs(velocity - before) <= change + 1e-12).all()
+
+
+def test_positions_do_not_pass_limits_and_a_joint_outside_comes_back():
+    subject = integration(acceleration=np.full(3, np.inf))
+    _, positions = subject.advance(np.array([2.0, 0.5, 1.0]), np.zeros(3),
+                                   np.array([2.999, 0.9999, 50.0]), np.zeros(3), 0.01)
+    np.testing.assert_allclose(positions, [3.0, 1.0, 50.01])
+    velocity, positions = subject.advance(np.array([2.0, -0.5, 0.0]), np.zeros(3),
+                                          np.array([3.02, 1.02, 0.0]), np.zeros(3), 0.01)
+    np.testing.assert_allclose(positions, [3.02, 1.015, 0.0])
+    np.testing.assert_allclose(velocity, [0.0, -0.5, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize('lead', [0.0, 0.2])
+@pytest.mark.parametrize('rate', RATES)
+def test_positions_stop_before_the_bound_if_the_robot_is_blocked(rate, lead):
+    subject, positions, velocity = integration(rate, lead), np.zeros(3), np.zeros(3)
+    velocities, change = reach(lambda: LIMITS['velocity'], rate), LIMITS['acceleration'] / rate
+    blocked, fastest = None, np.zeros(3)
+    for cycle in range(round(6.0 * rate)):
+        # At full speed the robot is blocked.
+        q = positions if cycle < 2.0 * rate else blocked
+        blocked = q
+        before = velocity
+        velocity, positions = subject.advance(next(velocities), before, positions,
+                                              positions - q, 1.0 / rate)
+        fastest = np.maximum(fastest, velocity)
+        assert (np.abs(velocity - before) <= change + 1e-9).all()
+        assert (np.abs(positions - q) <= subject.largest_lead + 1e-9).all()
+        if np.abs(positions).max() > 2.5:
+            positions, blocked = positions - 2.5, q - 2.5
+    assert (positions - blocked > 0.5 * RESTING_LEAD).all() and (np.abs(velocity) < 1e-3).all()
+    assert (fastest > 0.99 * LIMITS['velocity'])[[0, 2]].all()
+
+
+@pytest.mark.parametrize('lag', [0.02, 0.05, 0.1, 0.15])
+@pytest.mark.parametrize('rate', [100.0, 1000.0])
+def test_a_robot_that_follows_with_lag_and_noise_is_never_slowed_down(rate, lag):
+    wide = {'lower': np.full(3, -np.inf), 'upper': np.full(3, np.inf)}
+    subject, drive = integration(rate, **wide), Drive(rate, lag, noise=1e-3)
+    random, goal = np.random.default_rng(3), [LIMITS['velocity']]
+    velocities = reach(lambda: goal[0], rate)
+    positions = before = np.zeros(3)
+    for cycle in range(round(10.0 * rate)):
+        if cycle % round(rate) == 0:
+            goal[0] = random.choice([-1.0, 0.1, 1.0], 3) * LIMITS['velocity']
+        velocity = next(velocities)
+        before, positions = subject.advance(velocity, before, positions,
+                                            positions - drive.measure(), 1.0 / rate)
+        np.testing.assert_allclose(before, velocity, atol=1e-9)
+        drive.go(positions)
+
+
+def test_all_joints_wait_for_one_that_is_blocked():
+    subject = integration(acceleration=np.full(3, np.inf))
+    ahead = np.array([0.0, subject.largest_lead[1] - 0.005, 0.0])
+    velocity, _ = subject.advance(np.array([1.0, 0.4, -0.8]), np.zeros(3), np.zeros(3), ahead,
+                                  0.01)
+    np.testing.assert_allclose(velocity, 0.25 * np.array([1.0, 0.4, -0.8]), atol=1e-9)
+    # Back to the measured positions there is nothing to wait for.
+    velocity, _ = subject.advance(np.array([1.0, -0.4, -0.8]), np.zeros(3), np.zeros(3), ahead,
+                                  0.01)
+    np.testing.assert_allclose(velocity, [1.0, -0.4, -0.8])
+
+
+def test_joints_brake_each_with_its_own_limit_and_stay_within_the_position_limits():
+    subject, positions = integration(), np.array([0.0, 0.9, 0.0])
+    velocity = np.array([-2.0, 0.5, 1.0])
+    limits = subject.deceleration(velocity, 4.0)
+    np.testing.assert_allclose(limits, [10.0, 1.0, 4.0])
+    taken = np.zeros(3)
+    for _ in range(60):
+        taken = taken + 0.01 * (velocity != 0.0)
+        velocity, positions = subject.brake(velocity, positions, limits, 0.01)
+    assert not velocity.any() and positions[1] == 1.0
+    np.testing.assert_allclose(taken[[0, 2]], [0.2, 0.25], atol=0.011)
+    # v²/2a, less half a period.
+    np.testing.assert_allclose(positions[[0, 2]], [-0.19, 0.12], atol=0.006)
+
+
+def test_without_a_limit_joints_brake_at_once_and_no_stop_takes_longer_than_two_seconds():
+    subject = integration(acceleration=np.array([0.1, 10.0, np.inf]))
+    velocity = np.array([2.0, 0.5, 1.0])
+    limits = subject.deceleration(velocity, 0.0)
+    np.testing.assert_allclose(limits, [1.0, 10.0, np.inf])
+    stopped, positions = subject.brake(velocity, np.zeros(3), limits, 0.01)
+    assert stopped[2] == 0.0 and positions[2] == 0.0
+    # A clock that stands still changes nothing.
+    same, positions = subject.brake(velocity, np.zeros(3), limits, 0.0)
+    np.testing.assert_array_equal(same, velocity)
+    np.testing.assert_array_equal(positions, np.zeros(3))
+
+
+@pytest.mark.parametrize('gain', [5.0, 20.0])
+def test_stopping_distance_is_that_of_steps_of_a_period(gain):
+    random = np.random.default_rng(4)
+    speed, limit = random.uniform(0.0, 2.0, 20), random.uniform(0.5, 20.0, 20)
+    expected = []
+    for v, a in zip(speed, limit):
+        distance = 0.0
+        while v > a / gain:
+            distance += 0.01 * v
+            v -= 0.01 * a
+        expected.append(distance + v / gain)
+    np.testing.assert_allclose(stopping_distance(speed, limit, 0.01, gain), expected, rtol=1e-9)
