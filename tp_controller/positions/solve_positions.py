@@ -20,9 +20,9 @@ from tp_controller.positions.solve_position import PositionSolver
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import Stack
 
-# Largest number of goals that a thread takes at a time: so many that threads seldom wait for each
-# other; and number of times that each takes some: so many that all end at about the same time.
-MOST_GOALS_OF_A_CALL, CALLS_OF_A_THREAD = 50, 4
+# Largest number of goals of a call, which costs as much as ten goals while other threads wait; and
+# number of calls of each thread, so many that all end at about the same time.
+MOST_GOALS_OF_A_CALL, CALLS_OF_A_THREAD = 200, 4
 
 
 def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
