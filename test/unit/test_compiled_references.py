@@ -27,7 +27,8 @@ REFERENCES = {
     'joint_limits.h': 'control/joint_limits.py', 'joint_limits_task.h': 'tasks/joint_limits.py',
     'joint_task.h': 'tasks/joint.py', 'kinematics.h': 'model/state.py',
     'level.h': 'solver/level.py', 'min_norm.h': 'solver/min_norm.py',
-    'motion_object.h': 'model/compiled.py', 'null_space.h': 'solver/null_space.py',
+    'motion_object.h': 'model/compiled.py', 'moving_goal.h': 'references/reference.py',
+    'null_space.h': 'solver/null_space.py',
     'orientation.h': 'tasks/orientation.py', 'pointing_task.h': 'tasks/pointing.py',
     'polytope.h': 'solver/polytope.py', 'position_stack.h': 'positions/position_stack.py',
     'python_buffers.h': '', 'qp.h': 'solver/qp.py', 'region_task.h': 'tasks/region.py',
@@ -41,7 +42,7 @@ REFERENCES = {
     'velocity_limits.h': 'control/velocity_limits.py',
 }
 # Of a reference, the lowest first: a header includes none whose reference is above its own.
-LIBRARY = ('', 'solver', 'model', 'tasks', 'control', 'positions')
+LIBRARY = ('', 'solver', 'model', 'references', 'tasks', 'control', 'positions')
 LONGEST = 450
 
 

@@ -128,11 +128,12 @@ class ActiveStack:
         passed, self._followed = now - self._followed, now
         ahead = 0.5 * min(passed, period) if 0.0 < passed < math.inf else 0.0
         for task, reference in tuple(self._references.items()):
-            task.goal, velocity = reference.goal(now, ahead)
+            goal, velocity = reference.goal(now, ahead)
             if reference.is_over(now):
+                task.goal = goal
                 self._end_reference(task)
             else:
-                task.set_feed_forward(velocity, now)
+                task.move_goal(goal, velocity, now)
 
     def progress(self, now: float) -> Mapping[str, float]:
         """Return {task: share of the time of its trajectory that has passed}."""

@@ -21,6 +21,12 @@ class CenterOfMassTask : public Task {
 
   bool fits(const Motion &) const override { return true; }
 
+  bool set_goal(const double *numbers, size_t count) override {
+    if (count != 3) return false;
+    std::copy(numbers, numbers + 3, goal_);
+    return true;
+  }
+
   bool evaluate(const Situation &at, const Rows &out) override {
     const size_t n = size_t(at.motion->n);
     double *J = at.motion->jacobians(), center[3];

@@ -6,6 +6,7 @@
 
 #include "clearance.h"
 #include "collision.h"
+#include "moving_goal.h"
 #include "search_object.h"
 #include "step_object.h"
 
@@ -74,6 +75,7 @@ PyObject *constants() {
 
 PyMethodDef FUNCTIONS[] = {
     method("bound", bounded::bound, "Find the bounds of an inequality task."),
+    method("moving_goal", moving_goal, "Return the goal on a curve, and its velocity."),
     method("parting", parting, "Find the rows of distances between solids."),
     {nullptr, nullptr, 0, nullptr}};
 PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "extension", "The compiled core.", -1, FUNCTIONS,

@@ -72,6 +72,15 @@ class Task {
   void keep() const { std::copy(memory_.begin(), memory_.end(), kept_); }
   // Set a goal, its numbers row by row; false, and nothing has changed, where it is none of the task.
   virtual bool set_goal(const double *, size_t) { return false; }
+  // Set a goal that moves, and its velocity, both as before; false, and nothing has changed, where
+  // they are none of the task.
+  bool move_goal(const std::vector<double> &goal, const std::vector<double> &velocity, double fed) {
+    if (velocity.empty() || velocity.size() != law_.feed_forward.size()
+        || !set_goal(goal.data(), goal.size())) return false;
+    std::copy(velocity.begin(), velocity.end(), law_.feed_forward.begin());
+    law_.fed = fed;
+    return true;
+  }
   // Evaluate the task; false where the reference has to.
   virtual bool evaluate(const Situation &at, const Rows &out) = 0;
 

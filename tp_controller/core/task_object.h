@@ -313,8 +313,36 @@ PyObject *task_evaluate(PyObject *self, PyObject *const *given, Py_ssize_t count
   return Py_NewRef(Py_True);
 }
 
+// The numbers of a vector, or of a matrix row by row.
+bool read_row_by_row(PyObject *object, std::vector<double> &found) {
+  const Buffer buffer(object);
+  const bool is_matrix = buffer.rows(2) >= 0;
+  if (!is_matrix && buffer.rows(1) < 0) return false;
+  found.resize(size_t(buffer.rows(is_matrix ? 2 : 1) * (is_matrix ? buffer.columns() : 1)));
+  if (is_matrix) buffer.copy_rows(found.data());
+  else buffer.copy(found.data());
+  return true;
+}
+
+// move_goal(goal, velocity, now): set a goal and its feed-forward velocity, both of the form that they
+// have; False where something does not fit, and nothing has changed.
+PyObject *task_move_goal(PyObject *self, PyObject *const *given, Py_ssize_t count) {
+  if (count != 3) return refuse("move_goal(goal, velocity, now)");
+  try {
+    std::vector<double> goal, velocity;
+    const double now = PyFloat_AsDouble(given[2]);
+    if (!PyErr_Occurred() && read_row_by_row(given[0], goal) && read_all(given[1], velocity))
+      return PyBool_FromLong(of<TaskTwin>(self).task->move_goal(goal, velocity, now));
+  } catch (const std::bad_alloc &) {
+    return PyErr_NoMemory();
+  }
+  PyErr_Clear();
+  return Py_NewRef(Py_False);
+}
+
 PyMethodDef TASK_METHODS[] = {
     method("evaluate", task_evaluate, "Return error, Jacobian and demand."),
+    method("move_goal", task_move_goal, "Set a goal and its velocity."),
     {nullptr, nullptr, 0, nullptr}};
 
 }  // namespace

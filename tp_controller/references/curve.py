@@ -53,7 +53,7 @@ class Curve:
 
     def value(self, time: float) -> Array:
         """Return the point of the curve (d,); before the first piece the first one."""
-        piece, u = self._place(time)
+        piece, u = self.place(time)
         u2 = u * u
         found: Array = np.array([1.0, u, u2, u2 * u, u2 * u2, u2 * u2 * u]).dot(
             self.coefficients[piece])
@@ -61,7 +61,7 @@ class Curve:
 
     def rate(self, time: float) -> Array:
         """Return the velocity (d,) [1/s]."""
-        piece, u = self._place(time)
+        piece, u = self.place(time)
         u2 = u * u
         found: Array = np.array([1.0, 2.0 * u, 3.0 * u2, 4.0 * u2 * u, 5.0 * u2 * u2]).dot(
             self.coefficients[piece, 1:])
@@ -69,7 +69,7 @@ class Curve:
 
     def state(self, time: float) -> Array:
         """Return value, velocity and acceleration (3, d)."""
-        piece, u = self._place(time)
+        piece, u = self.place(time)
         moved = _about(self.coefficients[piece], u)[:3]
         moved[2] *= 2.0
         return moved
@@ -88,14 +88,14 @@ class Curve:
 
     def since(self, time: float) -> 'Curve':
         """Return the curve from a time on, where a piece begins."""
-        piece, u = self._place(time)
+        piece, u = self.place(time)
         coefficients = self.coefficients[piece:].copy()
         coefficients[0] = _about(coefficients[0], u)
         return Curve([time, *self.breaks[piece + 1:]], coefficients)
 
     def without_past(self, time: float) -> 'Curve':
         """Return the pieces that are in force at a time or later."""
-        piece, _ = self._place(time)
+        piece, _ = self.place(time)
         return Curve(self.breaks[piece:], self.coefficients[piece:]) if piece else self
 
     def followed_by(self, other: 'Curve') -> 'Curve':
@@ -116,7 +116,7 @@ class Curve:
         coefficients[:, 0] += shift
         return Curve(self.breaks, coefficients)
 
-    def _place(self, time: float) -> tuple[int, float]:
+    def place(self, time: float) -> tuple[int, float]:
         """Return the piece in force, and the time since its start [s]."""
         piece = bisect_right(self.breaks, time) - 1
         return (piece, time - self.breaks[piece]) if piece >= 0 else (0, 0.0)

@@ -36,6 +36,8 @@ class Form:
     ----------
     size : int
         d.
+    shape : tuple of int
+        Shape of a goal.
     place, turn : slice
         Components that are a position [m], and those that are a quaternion xyzw.
     flatten, goal : callable
@@ -48,6 +50,7 @@ class Form:
     """
 
     size: int
+    shape: tuple[int, ...]
     place: slice
     turn: slice
     flatten: Callable[[Array], Array]
@@ -151,10 +154,10 @@ def _rotation(value: Array) -> Array:
 
 
 FORMS = {
-    'point': Form(3, POINT, NONE, _same, _same),
-    'quaternion': Form(4, NONE, QUATERNION, quaternion_from_rotation, _rotation),
+    'point': Form(3, (3,), POINT, NONE, _same, _same),
+    'quaternion': Form(4, (3, 3), NONE, QUATERNION, quaternion_from_rotation, _rotation),
     'pose': Form(
-        7, POINT, slice(3, 7),
+        7, (4, 4), POINT, slice(3, 7),
         lambda T: np.concatenate((T[:3, 3], quaternion_from_rotation(T[:3, :3]))),
         lambda value: pose(_rotation(value[3:]), value[:3])),
 }
@@ -162,4 +165,5 @@ FORMS = {
 
 def joints_form(units: tuple[str, ...], wraps: Mask) -> Form:
     """Return the form of positions of joints with units and a mask of those without end."""
-    return Form(len(units), NONE, NONE, _same, _same, wraps if wraps.any() else None, units)
+    return Form(len(units), (len(units),), NONE, NONE, _same, _same,
+                wraps if wraps.any() else None, units)

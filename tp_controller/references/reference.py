@@ -19,6 +19,7 @@ from tp_controller.references.curve import (
     through,
 )
 from tp_controller.references.forms import Form
+from tp_controller.solver.compiled import core
 
 # Least time in which a reference passes from one chunk to another, or comes to rest [s]: joints
 # with acceleration limits need some tenths of a second to change their speed.
@@ -103,10 +104,13 @@ class Reference(NamedTuple):
 
         """
         form, curve, later = self.form, self.curve, now + ahead
-        rate = curve.rate(later)
-        value = curve.value(now)
-        return form.goal(value), form.velocity(
-            value if form.units else curve.value(later), rate)
+        if core is not None:
+            (piece, u), (next_piece, next_u) = curve.place(now), curve.place(later)
+            goal, velocity = np.empty(form.shape), np.empty(form.size if form.units else 6)
+            if core.moving_goal(curve.coefficients[piece], u, curve.coefficients[next_piece],
+                                next_u, goal, velocity):
+                return goal, velocity
+        return goal_at(form, curve, now, later)
 
     def followed_by(self, chunk: Chunk, now: float) -> 'Reference':
         """
@@ -155,6 +159,12 @@ class Reference(NamedTuple):
         value = old.value(begin)
         gaps = self.form.sizes(value[np.newaxis], (new.value(begin) - value)[np.newaxis])
         return max(JOIN_TIME, PEAK * max(float(gap[0]) for gap in gaps.values()) / JOIN_SPEED)
+
+
+def goal_at(form: Form, curve: Curve, now: float, later: float) -> tuple[Array, Array]:
+    """Return the goal at a time, and its feed-forward velocity at another one [s]."""
+    rate, value = curve.rate(later), curve.value(now)
+    return form.goal(value), form.velocity(value if form.units else curve.value(later), rate)
 
 
 def chunk_of(form: Form, times: Array, values: Array) -> Chunk:

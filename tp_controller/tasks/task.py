@@ -11,14 +11,13 @@ import math
 from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
-from tp_controller.model.spatial import Array, read_only
+from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
 from tp_controller.tasks.goal_holder import Goal
-from tp_controller.tasks.key_holder import KeyHolder
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE, finite_vector, Keys, positive
 from tp_controller.tasks.sketch import arrow, frame_and_goal, Sketch
-from tp_controller.tasks.twin import Law, Twin, Watch
+from tp_controller.tasks.twin_holder import EVALUATION_METHODS, TwinHolder
 from tp_controller.tasks.yaml_keys import DEFAULT_GAIN, DEFAULT_MODE, DEFAULT_TIMEOUT
 
 # Types of other packages may import `Keys` and the like from here.
@@ -27,11 +26,6 @@ __all__ = [
     'finite_vector', 'Goal', 'Keys', 'norm', 'positive', 'Task']
 
 SomeTask = TypeVar('SomeTask', bound='Task')
-# Methods that a twin replaces; a type that overrides one of them has no twin of its base class.
-EVALUATION_METHODS = {
-    'error', 'evaluate', 'feed_forward', 'in_rows', 'jacobian', 'level', 'make_evaluation',
-    'measure', 'observe', 'observe_rows', 'own_motion', 'position', 'positions', 'rotation',
-    'slowdown', 'value', 'velocity'}
 
 
 @dataclass(slots=True, eq=False)
@@ -58,7 +52,7 @@ class Evaluation:
     row_names: Sequence[str] = ()
 
 
-class Task(KeyHolder):
+class Task(TwinHolder):
     """
     Base class of the tasks of a stack: a value σ(q) with a goal, or a desired velocity.
 
@@ -74,6 +68,8 @@ class Task(KeyHolder):
     ----------
     name, goal, has_default_goal, reference, goal_type, goal_types, feed_forward_type :
         See ``GoalHolder``.
+    led :
+        See ``TwinHolder``.
     gain, groups, timeout, mode, units, rows, needs, without, example :
         See ``KeyHolder``.
     sketch_parts : dict
@@ -87,8 +83,6 @@ class Task(KeyHolder):
         Warnings for the user.
     every_joint : bool
         The Jacobian is the identity.
-    led : bool
-        Something else demands what leads to the goal; the task has no twin meanwhile.
     row_scale : float
         Factor of the rows of the level. Singular values count as small or large in metres and
         radians per radian; rows that are short by nature are scaled to compare with those of a
@@ -111,7 +105,6 @@ class Task(KeyHolder):
     remarks: tuple[str, ...] = ()
     row_scale = 1.0
     every_joint = False
-    led = False
     has_position: ClassVar[bool] = True
     is_objective: ClassVar[bool] = False
     owner: object = None
@@ -139,55 +132,12 @@ class Task(KeyHolder):
     def jacobian(self, state: RobotState) -> Array:
         """Return J (rows, n), with the velocity J q_dot of the value."""
 
-    def make_twin(self) -> Twin | None:
-        """Return the present inputs in the compiled core; None if Python evaluates the type."""
-        return None
-
     def make_evaluation(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` at a state."""
         error = self.error(state)
         return Evaluation(
             self, Level(self.jacobian(state), self.velocity(error, now), self.mode,
                         is_identity=self.every_joint), error, self.row_names)
-
-    # Inputs in the compiled core
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Set an attribute; the twin, which has copies of the inputs, is made anew."""
-        own = self.__dict__
-        object.__setattr__(self, name, value)
-        own.pop('_twin', None)
-        if '_watch' in own:
-            own['_watch'].changed = True
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes for a copy; it has a twin of its own, which nobody watches."""
-        # A copy in one step: the cycle of another thread may make a twin meanwhile.
-        state = dict(self.__dict__)
-        for name in ('_twin', '_watch'):
-            state.pop(name, None)
-        return state
-
-    @property
-    def twin(self) -> Twin | None:
-        """Return the inputs in the compiled core; None if Python evaluates the task."""
-        own = self.__dict__
-        if '_twin' not in own:
-            own['_twin'] = None if self.led or EVALUATION_METHODS & own.keys() \
-                else self.make_twin()
-        found: Twin | None = own['_twin']
-        return found
-
-    def watch(self, watch: Watch) -> None:
-        """Report changes of the inputs to one watcher, in place of the one before."""
-        self.__dict__['_watch'] = watch
-
-    def _law(self) -> Law:
-        """Return the part of the twin's inputs that all types share."""
-        added = self._feed_forward
-        return (self.rows, self.mode == 'scale', read_only(self.gain),
-                None if added is None else read_only(self.in_rows(added)),
-                self._feed_forward_time, self.timeout)
 
     # Sketches
 

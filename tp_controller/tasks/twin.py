@@ -4,7 +4,8 @@
 """
 Twins of tasks: their inputs, as the compiled core evaluates them.
 
-A task has a twin until one of its attributes is set; the next evaluation makes a new one. Arrays
+A task has a twin until one of its attributes is set; the next evaluation makes a new one. A goal
+that moves with a velocity is set in place, as a new twin takes as long as some cycles. Arrays
 among the inputs become read-only: no twin would notice a change in place. Types that override a
 method of the evaluation have no twin.
 """
@@ -24,7 +25,7 @@ Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]
 
 
 class CompiledTask(Protocol):
-    """A task in the compiled core; immutable."""
+    """A task in the compiled core; only a goal that moves changes it."""
 
     def evaluate(self, motion: Motion, positions: Array, velocity: Array, now: float,
                  error: Array, J: Array, v: Array, upper: Array | None) -> bool:
@@ -33,6 +34,13 @@ class CompiledTask(Protocol):
 
         Return False if arguments do not fit, or the feed-forward velocity has timed out: the
         reference then evaluates the task.
+        """
+
+    def move_goal(self, goal: Array, velocity: Array, now: float) -> bool:
+        """
+        Set a goal and a feed-forward velocity from a time on, both of the form that they have.
+
+        Return False, and change nothing, if arguments do not fit.
         """
 
 

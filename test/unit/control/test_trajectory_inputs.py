@@ -12,6 +12,7 @@ from robots import PANDA_READY, PANDA_TOOL
 from scipy.spatial.transform import Rotation
 from tp_controller import Controller, GoalError, KinematicSimulator, Settings, Stack
 from tp_controller.model.spatial import pose
+from tp_controller.solver.compiled import core
 
 PERIOD = 0.01
 STACK = f"""
@@ -102,6 +103,18 @@ def test_velocity_of_the_middle_of_a_cycle_removes_the_lag():
     errors = [np.linalg.norm(place[:3, 3] - circle([PERIOD * (i + 1)])[0, :3])
               for i, place in enumerate(run.places)]
     assert max(errors[200:300]) < 4e-4
+
+
+@pytest.mark.skipif(core is None, reason='the package was built without a compiler')
+def test_cycles_that_follow_stay_in_the_core_with_the_twin_that_there_is():
+    run = Run()
+    times = run.now + np.linspace(0.1, 2.0, 30)
+    run.controller.set_trajectory('tool', times, circle(times), run.now)
+    run.go(2)
+    task = run.controller.stack.tasks['tool']
+    before, goal = task.twin, task.goal.copy()
+    run.go(20)
+    assert task.twin is before and not np.array_equal(task.goal, goal)
 
 
 def test_trajectory_turns_the_tool_as_well():

@@ -6,15 +6,18 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tp_controller.references.forms import FORMS
+from tp_controller.references.curve import through
+from tp_controller.references.forms import FORMS, joints_form
 from tp_controller.references.reference import (
     chunk_at_speed,
     chunk_of,
+    goal_at,
     JOIN_SPEED,
     JOIN_TIME,
     peaks,
     Reference,
 )
+from tp_controller.solver.compiled import core
 
 POINT, POSE, TURN = FORMS['point'], FORMS['pose'], FORMS['quaternion']
 
@@ -174,3 +177,44 @@ def test_progress_grows_from_0_to_1():
     found = stream([(0.0, np.arange(1.0, 5.01, 0.05))])
     assert [found.progress(time) for time in (-1.0, 0.0, 9.0)] == [0.0, 0.0, 1.0]
     assert found.progress(2.5) == pytest.approx(0.5, abs=1e-9)
+
+
+# In the compiled core ---------------------------------------------------------------------------
+
+
+EVERY = {**FORMS, 'joints': joints_form(('rad', 'm', 'rad', 'rad'), np.zeros(4, dtype=bool)),
+         'six joints': joints_form(('rad',) * 6, np.zeros(6, dtype=bool))}
+
+
+@pytest.mark.skipif(core is None, reason='the package was built without a compiler')
+@pytest.mark.parametrize('name', EVERY)
+def test_goal_of_the_core_is_that_of_the_reference(name, monkeypatch):
+    form, rng = EVERY[name], np.random.default_rng(3)
+    times = 1000.0 + np.cumsum(rng.uniform(0.05, 0.3, 12))
+    curve = through(times, rng.normal(size=(12, form.size)))
+    reference = Reference(form, curve, times[0], times[0], times[-1])
+    # Before, between and after the values; the velocity may be that of the next piece.
+    for now in (*rng.uniform(times[0] - 0.1, times[-1] + 0.1, 200), times[4] - 1e-3, times[-1]):
+        found = reference.goal(now, 2e-3)
+        expected = goal_at(form, curve, now, now + 2e-3)
+        for this, that in zip(found, expected):
+            assert this.shape == that.shape
+            np.testing.assert_allclose(this, that, rtol=1e-12, atol=1e-12)
+    # Without the core the reference is the same.
+    monkeypatch.setattr('tp_controller.references.reference.core', None)
+    assert all(map(np.array_equal, reference.goal(now, 2e-3), expected))
+
+
+@pytest.mark.skipif(core is None, reason='the package was built without a compiler')
+def test_core_takes_no_other_shapes():
+    piece, fits = np.ones((6, 7)), (np.empty((4, 4)), np.empty(6))
+    assert core.moving_goal(piece, 0.1, piece, 0.1, *fits) is True
+    for faulty in ((piece[:5], 0.1, piece, 0.1, *fits), (piece, 0.1, np.ones((6, 4)), 0.1, *fits),
+                   (piece, 'x', piece, 0.1, *fits), (piece, 0.1, None, 0.1, *fits),
+                   (piece, 0.1, piece, 0.1, np.empty((3, 3)), fits[1]),
+                   (piece, 0.1, piece, 0.1, fits[0], np.empty(3)),
+                   (piece, 0.1, piece, 0.1, np.empty((4, 8))[:, ::2], fits[1]),
+                   (piece.astype(int), 0.1, piece, 0.1, *fits)):
+        assert core.moving_goal(*faulty) is False
+    with pytest.raises(ValueError, match='moving_goal'):
+        core.moving_goal(piece)

@@ -93,6 +93,79 @@ def test_tasks_are_those_of_the_reference(kind, seed, name, some, gains, fed):
             np.testing.assert_allclose(this, that, rtol=tolerance, atol=tolerance)
 
 
+def moving_pair(kind, seed):
+    """Return two equal tasks with goals that move, their states, and goals of the type."""
+    rng, its = np.random.default_rng(seed), robots.named('chain')
+    tasks = [Task.types[kind](its, 'task', **{
+        **({'joints': ['a', 'c']} if kind == 'joint' else {}),
+        **({'frame': 'l3'} if kind in AXES and kind != 'center_of_mass' else {}),
+        'gain': 3.0}) for _ in range(2)]
+
+    def goal():
+        if kind in ('joint', 'posture'):
+            return rng.normal(size=tasks[0].rows)
+        T = pose(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3))
+        return GOALS[tasks[0].goal_type](T).copy()
+
+    fed = tasks[0].rows if kind in ('joint', 'posture') else 6
+    return tasks, its.state(*robots.anywhere(its, rng)), goal, lambda: rng.normal(size=fed)
+
+
+MOVING = ['pose', 'position', 'orientation', 'joint', 'posture', 'center_of_mass', 'pointing']
+
+
+@pytest.mark.parametrize('kind', MOVING)
+@given(seed=seeds)
+def test_goal_that_moves_is_set_in_place_and_gives_the_same_numbers(kind, seed):
+    (one, other), here, goal, velocity = moving_pair(kind, seed)
+    for task in (one, other):
+        task.set_goal(goal(), 0.0)
+        task.set_feed_forward(velocity(), 0.0)
+    # The direction of a turn is remembered, also while a goal moves: both begin from the same one.
+    other.set_goal(one.goal, 0.0)
+    for task in (one, other):
+        task.evaluate(here, 0.0)
+    before, found, moves = one.twin, goal(), velocity()
+    one.move_goal(found.copy(), moves, 0.3)
+    other.goal = found.copy()
+    other.set_feed_forward(moves, 0.3)
+    assert one.twin is before and other.twin is not before
+    np.testing.assert_array_equal(one.goal, found)
+    this, that = one.evaluate(here, 0.5), other.evaluate(here, 0.5)
+    for mine, its in ((this.error, that.error), (this.level.J, that.level.J),
+                      (this.level.v, that.level.v)):
+        np.testing.assert_array_equal(mine, its)
+    # The velocity times out as any other one.
+    assert not np.array_equal(one.evaluate(here, 9.0).level.v, this.level.v)
+    assert not one.goal.flags.writeable
+
+
+@pytest.mark.parametrize('kind', MOVING)
+def test_goal_that_moves_begins_with_a_new_twin_where_it_does_not_fit(kind):
+    (one, _), here, goal, velocity = moving_pair(kind, 1)
+    one.set_goal(goal(), 0.0)
+    before = one.twin
+    # The twin has no velocity yet.
+    one.move_goal(goal(), velocity(), 0.0)
+    assert one.twin is not before
+    for faulty in ((np.zeros((5, 5)), velocity(), 0.0), (goal(), np.zeros(5), 0.0),
+                   (None, velocity(), 0.0), (goal(), None, 0.0), (goal(), velocity(), 'x')):
+        assert one.twin.task.move_goal(*faulty) is False
+    with pytest.raises(ValueError, match='move_goal'):
+        one.twin.task.move_goal(goal())
+
+
+def test_type_that_takes_velocities_itself_is_told_those_of_goals_that_move():
+    class Own(Position):
+        def set_feed_forward(self, velocity, now):
+            super().set_feed_forward(2.0 * velocity, now)
+
+    task = Own(robots.panda(), 'task', frame='panda_hand_tcp')
+    for _ in range(2):
+        task.move_goal(np.zeros(3), np.ones(6), 0.0)
+        assert task.twin is not None and task.feed_forward(0.0).tolist() == [2.0] * 6
+
+
 @given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), gains=st.booleans(),
        most=st.sampled_from([0.01, 100.0]))
 def test_distance_from_joint_limits_is_that_of_the_reference(seed, name, gains, most):
