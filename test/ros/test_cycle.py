@@ -6,6 +6,7 @@
 from harness import Arm, COMMANDS, JOINTS, Status
 import numpy as np
 import pytest
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -13,6 +14,8 @@ ZEROS = [0.0, 0.0, 0.0]
 Q = (0.0, 0.6, 0.3)
 # What MOVING_STACK commands at Q, with its gain of 1/s.
 VELOCITY = [1.0, -0.1, -0.55]
+# Limits of some tests [rad/s², rad/s³].
+ACCELERATION, JERK = 4.0, 30.0
 ALL_MISSING = 'no joint states of joint1, joint2, joint3'
 
 
@@ -258,6 +261,41 @@ def test_a_clock_that_stands_still_stops_the_robot(any_harness):
     time.clock.sec = 0
     any_harness.spin_until(lambda: status.head == 'running', meanwhile=tick)
     assert any(last(commands))
+
+
+@pytest.mark.parametrize('blend', [0.0, 0.2])
+def test_published_commands_keep_the_jerk_limit(harness, blend):
+    limits = {f'limits__{joint}__{key}': value for joint in JOINTS
+              for key, value in (('acceleration', ACCELERATION), ('jerk', JERK))}
+    node = harness.controller(rate=0.0, use_sim_time=True, blend=blend, **limits)
+    commands, arm = harness.commands(), Arm(harness, Q)
+    clock = harness.publisher(Clock, '/clock')
+    goal = harness.publisher(JointState, '/tp_controller/swing/goal')
+    rng, now, times, taken, alone = np.random.default_rng(1), 10_000_000, [], [], []
+    for cycle in range(200):
+        now += int(rng.integers(2, 20)) * 1_000_000
+        clock.publish(Clock(clock=Time(nanoseconds=now).to_msg()))
+        harness.spin_until(lambda: node.loop_node.get_clock().now().nanoseconds >= now)
+        if cycle % 30 == 20:
+            goal.publish(JointState(name=JOINTS, position=rng.uniform(-2.0, 2.0, 3).tolist()))
+        count = len(commands)
+        arm.publish()
+        harness.spin_until(lambda: len(commands) > count)
+        times.append(1e-9 * now)
+        taken.append(commands[-1])
+        # More are zeros of a slow machine, which stop the robot. They are exempt.
+        alone.append(len(commands) == count + 1 and any(commands[-1]))
+        if cycle:
+            arm.q = (np.array(arm.q) + (times[-1] - times[-2]) * np.array(taken[-2])).tolist()
+    h, alone = np.diff(times), np.array(alone)
+    changes = np.diff(taken, axis=0) / h[:, None]
+    second = np.abs(np.diff(changes, axis=0)) / (0.5 * (h[1:] + h[:-1]))[:, None]
+    counts = alone[:-2] & alone[1:-1] & alone[2:]
+    assert counts.sum() > 100
+    assert second[counts].max() <= JERK * (1.0 + 1e-6)
+    assert np.abs(changes[1:][counts]).max() <= ACCELERATION * (1.0 + 1e-9)
+    # It makes a difference: the acceleration limit alone allows 400 rad/s³ and more.
+    assert second[counts].max() > 0.9 * JERK
 
 
 def test_without_any_clock_zeros_are_commanded_from_the_start(harness):

@@ -23,6 +23,7 @@ REFERENCES = {
     'damping.h': 'solver/damping.py', 'descent.h': 'positions/descent.py',
     'escape.h': 'control/escape.py', 'field_of_view_task.h': 'tasks/field_of_view.py',
     'frame_task.h': 'tasks/frame.py', 'gradient_task.h': 'tasks/gradient.py',
+    'jerk_limit.h': 'control/jerk_limit.py',
     'joint_limit_distance_task.h': 'tasks/joint_limit_distance.py',
     'joint_limits.h': 'control/joint_limits.py', 'joint_limits_task.h': 'tasks/joint_limits.py',
     'joint_task.h': 'tasks/joint.py', 'kinematics.h': 'model/state.py',
@@ -38,7 +39,8 @@ REFERENCES = {
     'spatial.h': 'model/spatial.py', 'speed_limit_task.h': 'tasks/speed_limit.py',
     'stack_levels.h': 'tasks/stack.py', 'step.h': 'control/step.py',
     'step_object.h': 'control/compiled_step.py', 'task.h': 'tasks/task.py',
-    'task_object.h': 'tasks/twin.py', 'variants.h': 'control/variants.py',
+    'stopping.h': 'control/stopping.py', 'task_object.h': 'tasks/twin.py',
+    'variants.h': 'control/variants.py',
     'velocity_limits.h': 'control/velocity_limits.py',
 }
 # Of a reference, the lowest first: a header includes none whose reference is above its own.

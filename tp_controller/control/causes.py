@@ -18,9 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
-from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.variants import ActiveLimits, Removable, Variants
-from tp_controller.control.velocity_limits import RESERVE, SAME_VELOCITY, VelocityBounds
+from tp_controller.control.velocity_limits import (
+    LIMITS,
+    RESERVE,
+    SAME_VELOCITY,
+    VelocityBounds,
+)
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level

@@ -160,7 +160,7 @@ class Controller(TrajectoryInputs):
         """
         positions = self.robot.positions(np.asarray(q, dtype=float))
         self._command(now, ramp_down(self._options, self._memory, positions, now, elapsed,
-                                     deceleration))
+                                     deceleration), elapsed)
         return self.velocity
 
     @property
@@ -332,10 +332,10 @@ class Controller(TrajectoryInputs):
         """Return the memory for the next cycle."""
         return self._last.memory
 
-    def _command(self, now: float | None, velocity: Array) -> None:
+    def _command(self, now: float | None, velocity: Array, elapsed: float | None = None) -> None:
         """Command a velocity (n,) without tasks; motion that follows is blended in."""
         now = check_time(now, 'now', TimeError)
-        self._last = Commanded(self._memory.after_command(velocity, now, self._options))
+        self._last = Commanded(self._memory.after_command(velocity, now, self._options, elapsed))
         self._end_motion()
         self._changes.announce(0)
 

@@ -40,8 +40,14 @@ class Cycle(NamedTuple):
             return self.solver.solve(self.levels, self.bounds, self.memory)
         return self._solve(levels, self.bounds)
 
+    def towards(self, levels: list[Level] | None = None) -> 'Cycle':
+        """Return the cycle with bounds for the demand of levels, by default those of the stack."""
+        if not self.bounds.follow_demand:
+            return self
+        return self._replace(bounds=self.bounds.towards(self.aim(levels).velocity))
+
     def aim(self, levels: list[Level] | None = None) -> Solution:
-        """Return the solution of levels without acceleration limits."""
+        """Return the solution of levels without transient limits."""
         return self._solve(self.levels if levels is None else levels, self.bounds.settled)
 
     def _solve(self, levels: list[Level], bounds: Bounds) -> Solution:

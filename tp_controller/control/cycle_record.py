@@ -21,7 +21,6 @@ from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.escape import Escape
-from tp_controller.control.joint_limits import JointMotion
 from tp_controller.control.step import CycleMemory
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
@@ -33,8 +32,9 @@ from tp_controller.tasks.task import Evaluation, Task
 from tp_controller.tasks.twin import Twin
 
 # Numbers of a memory that precede its arrays: time of the last command, those of `CycleTime`,
-# tries and nudges of `Escape`, and the time since which the robot is at rest.
-MEMORY_HEAD = 8
+# tries and nudges of `Escape`, the time since which the robot is at rest, and that of the last
+# change of the command.
+MEMORY_HEAD = 9
 # Numbers between the memory and the arrays of a cycle.
 CYCLE_HEAD = Struct('5d')
 # The twins of the tasks of each level; None for a task that Python evaluates.
@@ -86,10 +86,10 @@ class Layout(NamedTuple):
         n, delay = self.options.n, self.options.delay
         numbers = np.frombuffer(record)
         (commanded, now, mean, usual, commands, tries, nudges,
-         still_since) = numbers[:MEMORY_HEAD].tolist()
-        first = MEMORY_HEAD + n
+         still_since, before) = numbers[:MEMORY_HEAD].tolist()
+        first = MEMORY_HEAD + 2 * n
         return CycleMemory(
-            numbers[MEMORY_HEAD:first],
+            numbers[MEMORY_HEAD:first - n], numbers[first - n:first], before,
             tuple(numbers[first:first + delay * n].reshape(delay, n)),
             None if math.isnan(commanded) else commanded,
             CycleTime(now, mean, usual, int(commands)),
@@ -102,10 +102,12 @@ class Layout(NamedTuple):
         if memory.transition.fades or memory.escape.upper:
             return None
         escape, count = memory.escape, len(self.active)
-        head = (memory.commanded, *memory.time, escape.tries, escape.nudges, escape.still_since)
+        head = (memory.commanded, *memory.time, escape.tries, escape.nudges, escape.still_since,
+                memory.before)
         return np.concatenate((
             [math.nan if number is None else number for number in head], memory.velocity,
-            *memory.pending, (*memory.damping, *(0.0,) * count)[:count])).tobytes()
+            memory.acceleration, *memory.pending,
+            (*memory.damping, *(0.0,) * count)[:count])).tobytes()
 
 
 class CycleRecord:
@@ -170,7 +172,7 @@ class CycleRecord:
     def evaluations(self) -> list[list[Evaluation]]:
         """Return the evaluations of the enabled tasks, level by level."""
         given, errors = iter(self._given), iter(self.errors)
-        self._at = self._first + 3 * self._n
+        self._at = self._first + (4 if self._has_demand else 3) * self._n
         return [self._group(list(zip(*group)), given, errors)
                 for group in zip(self.layout.active, self.layout.twins)]
 
@@ -179,9 +181,11 @@ class CycleRecord:
         """Return the problem of the cycle."""
         options, before, n = self.layout.options, self.layout.memory(self._before), self._n
         time = self.memory.time
-        motion = JointMotion(self._positions, before.velocity, self._head[2], before.pending,
-                             time.longest_hold(options.period))
-        box = self._numbers[self._first + n:self._first + 3 * n].reshape(2, n)
+        motion = before.motion(self._positions, self._head[2], time.longest_hold(options.period))
+        first = self._first + 3 * n
+        if self._has_demand:
+            motion = motion._replace(demand=self._numbers[first:first + n])
+        box = self._numbers[first - 2 * n:first].reshape(2, n)
         return Cycle(levels_of(self.evaluations),
                      options.limits.bounds(motion, (box[0], box[1]), time.mean), options.solver,
                      before.damping)
@@ -222,8 +226,13 @@ class CycleRecord:
     def _first(self) -> int:
         """Return the index of the first number after memory and head."""
         options = self.layout.options
-        return MEMORY_HEAD + (1 + options.delay) * options.n + len(self.layout.active) \
+        return MEMORY_HEAD + (2 + options.delay) * options.n + len(self.layout.active) \
             + CYCLE_HEAD.size // 8
+
+    @property
+    def _has_demand(self) -> bool:
+        """Return whether the record has the demand of the tasks, which limits follow."""
+        return self.layout.options.limits.follow_demand
 
     @cached_property
     def _head(self) -> tuple[float, ...]:

@@ -23,12 +23,12 @@ from tp_controller.control.causes import (
     TASK,
 )
 from tp_controller.control.gains import DELAY_SAFE_STEP, gain_remark
-from tp_controller.control.joint_limits import JointLimit, LIMITS, VelocityLimit
+from tp_controller.control.joint_limits import JointLimit, VelocityLimit
 from tp_controller.control.reasons import CHOOSE_ANOTHER, Combined, is_out_of_reach, listed
 from tp_controller.control.roll_out import Course, RollOuts
 from tp_controller.control.trial_setup import Setup
 from tp_controller.control.variants import Removable
-from tp_controller.control.velocity_limits import RESERVE
+from tp_controller.control.velocity_limits import LIMITS, RESERVE
 from tp_controller.tasks.task import Evaluation
 
 # Share of the error, or of the time until a task arrives, that a change has to take away.

@@ -4,14 +4,15 @@
 """
 Limits of the joints: each an interval of velocities in a cycle, with its name and its reason.
 
-A new limit is one class here, listed in `LIMITS`, and its key in `tp_controller.model.limits`.
-Its formula may have a compiled twin in joint_limits.h; while a limit in force has none, the bounds
-are computed in Python.
+A new limit is one class, listed in `tp_controller.control.velocity_limits.LIMITS`, and its key in
+`tp_controller.model.limits`. Its formula may have a compiled twin in joint_limits.h; while a limit
+in force has none, the bounds are computed in Python.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import reduce
+import math
 from operator import add
 from typing import ClassVar, NamedTuple
 
@@ -45,6 +46,13 @@ class JointMotion(NamedTuple):
         Commands that the positions do not reflect yet [rad/s or m/s]; none by default.
     duration : float
         Longest time that each of them is in force [s].
+    acceleration : ndarray (n,) or None
+        Change of the last command per time [rad/s² or m/s²]; None: zeros.
+    before : float
+        Time of that change, at most a period; by default a period [s].
+    demand : ndarray (n,) or None
+        Velocities that the tasks demand within all limits that are not transient [rad/s or m/s];
+        None if unknown.
 
     """
 
@@ -53,6 +61,9 @@ class JointMotion(NamedTuple):
     elapsed: float
     pending: tuple[Array, ...] = ()
     duration: float = 0.0
+    acceleration: Array | None = None
+    before: float = math.inf
+    demand: Array | None = None
 
 
 class JointLimit(ABC):
@@ -82,6 +93,8 @@ class JointLimit(ABC):
         Such a limit takes precedence over the others.
     caused_by_gain : bool
         Whether a gain that is too high for the period leads to it.
+    follows_demand : bool
+        Whether it needs `JointMotion.demand`.
     compiled : bool
         Whether joint_limits.h has its formula, too.
 
@@ -93,6 +106,7 @@ class JointLimit(ABC):
     hint: ClassVar[str] = ''
     transient: ClassVar[bool] = False
     caused_by_gain: ClassVar[bool] = True
+    follows_demand: ClassVar[bool] = False
     compiled: ClassVar[bool] = False
 
     def __init__(self, limits: Mapping[str, Array], period: float, gain: float) -> None:
@@ -163,15 +177,25 @@ class PositionLimit(JointLimit):
 
         Negative outside: the joint has to return, at a bounded speed.
         """
-        distance = np.minimum(self.distance(motion.positions), LARGEST_DISTANCE)
-        gain, pending = self._gain, motion.pending
+        return np.maximum(self._braking_speed(self.remaining(motion), self.gain_of(motion)),
+                          self._least)
+
+    def gain_of(self, motion: JointMotion) -> float:
+        """Return the gain at which pending commands do not make a joint stop and go [1/s]."""
+        pending = motion.pending
+        return min(self._gain, calm_gain(len(pending)) / motion.duration) if pending \
+            else self._gain
+
+    def remaining(self, motion: JointMotion) -> Array:
+        """Return the distances (n,) nearest to zero that pending commands may leave."""
+        distance, pending = np.minimum(self.distance(motion.positions), LARGEST_DISTANCE), \
+            motion.pending
         if pending:
-            gain = min(gain, calm_gain(len(pending)) / motion.duration)
             up = motion.duration * reduce(add, [np.maximum(each, 0.0) for each in pending])
             down = motion.duration * reduce(add, [np.minimum(each, 0.0) for each in pending])
             nearer, farther = (up, down) if self.sign > 0.0 else (-down, -up)
             distance = np.maximum(distance - nearer, np.minimum(distance - farther, 0.0))
-        return np.maximum(self._braking_speed(distance, gain), self._least)
+        return distance
 
     def _braking_speed(self, distance: Array, gain: float) -> Array:
         """Return the speed from which a joint can still stop within `distance` (n,)."""
@@ -235,11 +259,6 @@ class AccelerationLimit(JointLimit):
         """Return the velocities that can be reached since the last command."""
         change = self._values * min(motion.elapsed, self._period)
         return motion.velocity - change, motion.velocity + change
-
-
-# Limits of every robot; transient ones apply, in this order, to robots that have them.
-LIMITS: tuple[type[JointLimit], ...] = (VelocityLimit, UpperPositionLimit, LowerPositionLimit,
-                                        AccelerationLimit)
 
 
 def calm_gain(delay: int) -> float:

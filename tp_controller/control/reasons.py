@@ -21,9 +21,8 @@ from tp_controller.control.causes import (
     TASK,
 )
 from tp_controller.control.cycle import TRANSITION
-from tp_controller.control.joint_limits import LIMITS
 from tp_controller.control.units import with_unit
-from tp_controller.control.velocity_limits import RESERVE
+from tp_controller.control.velocity_limits import LIMITS, RESERVE
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation
 

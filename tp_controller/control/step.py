@@ -4,6 +4,7 @@
 """One control cycle as a pure function: problem and memory in, outcome and new memory out."""
 
 from collections.abc import Iterable
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +82,10 @@ class CycleMemory(NamedTuple):
     ----------
     velocity : ndarray (n,)
         Last command [rad/s or m/s]; zeros before the first one.
+    acceleration : ndarray (n,)
+        Its difference from the one before, per time [rad/s² or m/s²].
+    before : float
+        The time of that change, at most a period [s].
     pending : tuple of ndarray (n,)
         Commands that the positions do not reflect yet, the last one first [rad/s or m/s].
     commanded : float or None
@@ -94,6 +99,8 @@ class CycleMemory(NamedTuple):
     """
 
     velocity: Array
+    acceleration: Array
+    before: float
     pending: tuple[Array, ...]
     commanded: float | None
     time: CycleTime
@@ -104,7 +111,7 @@ class CycleMemory(NamedTuple):
     @classmethod
     def at_rest(cls, n: int) -> 'CycleMemory':
         """Return the memory of a robot with n joints at rest, before it fits any options."""
-        return cls(np.zeros(n), (), None, CycleTime(0.0, 0.0, 0.0))
+        return cls(np.zeros(n), np.zeros(n), math.inf, (), None, CycleTime(0.0, 0.0, 0.0))
 
     def fit(self, options: CycleOptions) -> 'CycleMemory':
         """Return the memory for cycles with other options."""
@@ -120,10 +127,21 @@ class CycleMemory(NamedTuple):
         return self._replace(
             damping=tuple([remembered.get(_names(group), 0.0) for group in after]))
 
-    def after_command(self, velocity: Array, now: float, options: CycleOptions) -> 'CycleMemory':
-        """Return the memory after a velocity (n,) that was commanded without tasks at `now`."""
-        return self._replace(velocity=velocity, commanded=now, transition=Transition(),
-                             pending=(velocity, *self.pending)[:options.delay])
+    def after_command(self, velocity: Array, now: float, options: CycleOptions,
+                      elapsed: float | None = None) -> 'CycleMemory':
+        """
+        Return the memory after a velocity (n,) that was commanded without tasks at `now`.
+
+        The time since the last command is `elapsed`, by default the advance of `now`; a period if
+        it is not more than zero [s]. A stop ends all accelerations.
+        """
+        if elapsed is None:
+            elapsed = 0.0 if self.commanded is None else now - self.commanded
+        h = min(elapsed, options.period) if elapsed > 0.0 else options.period
+        acceleration = (velocity - self.velocity) / h if velocity.any() else np.zeros(options.n)
+        return self._replace(velocity=velocity, acceleration=acceleration, before=h,
+                             pending=(velocity, *self.pending)[:options.delay], commanded=now,
+                             transition=Transition())
 
     def motion(self, positions: Array, elapsed: float, hold: float) -> JointMotion:
         """
@@ -139,7 +157,8 @@ class CycleMemory(NamedTuple):
             Longest time that a command is in force [s].
 
         """
-        return JointMotion(positions, self.velocity, elapsed, self.pending, hold)
+        return JointMotion(positions, self.velocity, elapsed, self.pending, hold,
+                           self.acceleration, self.before)
 
 
 class Commanded(NamedTuple):
@@ -177,7 +196,7 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
 
     """
     options, levels, positions, now, elapsed, shared, before = problem
-    _, pending, commanded, time, damping, transition, escape = memory
+    last, *_, pending, commanded, time, damping, transition, escape = memory
     if commanded is None:
         # From rest: the first command may change by what the joints can do in this time.
         elapsed = elapsed if elapsed is not None and 0.0 < elapsed < options.period \
@@ -186,7 +205,8 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
         elapsed = now - commanded
     elapsed, time = time.advance(elapsed, options.period)
     motion = memory.motion(positions, elapsed, time.longest_hold(options.period))
-    cycle = Cycle(levels, options.limits.at(motion, time.mean), options.solver, damping)
+    cycle = Cycle(levels, options.limits.at(motion, time.mean), options.solver,
+                  damping).towards()
     outcome = None
     if shared is not None:
         escape = escape.reset()
@@ -196,10 +216,11 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
         solution = cycle.solve()
         escape, leaving = escape.levels(solution, time.now, cycle.solve)
         outcome = Outcome(solution, solution) if leaving is None else Outcome(
-            solution, cycle.solve(leaving), 'leaving a singularity')
-    command = outcome.commanded.velocity
-    return cycle, outcome, CycleMemory(command, (command, *pending)[:options.delay], now, time,
-                                       outcome.solution.memory, transition, escape)
+            solution, cycle.towards(leaving).solve(leaving), 'leaving a singularity')
+    command, h = outcome.commanded.velocity, min(elapsed, options.period)
+    return cycle, outcome, CycleMemory(
+        command, (command - last) / h, h, (command, *pending)[:options.delay], now, time,
+        outcome.solution.memory, transition, escape)
 
 
 def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, time: CycleTime
@@ -225,7 +246,7 @@ def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, 
         transition = transition.begin(velocity - after.velocity, began, options.blend, shared)
     blended = transition.levels(cycle.levels, aim.velocity, time.now)
     return transition, None if blended is None else Outcome(
-        aim, cycle.solve(blended), TRANSITION)
+        aim, cycle.towards(blended).solve(blended), TRANSITION)
 
 
 def _names(group: Iterable[Task]) -> tuple[str, ...]:

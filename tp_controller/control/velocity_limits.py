@@ -9,11 +9,14 @@ import math
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from tp_controller.control.jerk_limit import JerkLimit
 from tp_controller.control.joint_limits import (
+    AccelerationLimit,
     JointLimit,
     JointMotion,
-    LIMITS,
+    LowerPositionLimit,
     PositionLimit,
+    UpperPositionLimit,
     VelocityLimit,
 )
 from tp_controller.errors import SettingsError, unknown
@@ -27,6 +30,9 @@ from tp_controller.solver.solution import Bounds
 SAME_VELOCITY = 1e-9
 # Kind of limit: the share of its speed that the levels below the first one leave to a joint.
 RESERVE = 'reserve'
+# Limits of every robot; transient ones apply, in this order, to robots that have them.
+LIMITS: tuple[type[JointLimit], ...] = (VelocityLimit, UpperPositionLimit, LowerPositionLimit,
+                                        AccelerationLimit, JerkLimit)
 # Least and largest velocities (n,) [rad/s or m/s].
 Interval: TypeAlias = tuple[Array, Array]
 
@@ -67,6 +73,16 @@ class VelocityBounds(Bounds):
         """Return the bounds without transient limits, as reached in time."""
         return self._with({limit: interval for limit, interval in self._intervals.items()
                            if not limit.transient}, self.cap)
+
+    @property
+    def follow_demand(self) -> bool:
+        """Return whether the bounds depend on what the tasks demand."""
+        return self._limits.follow_demand
+
+    def towards(self, demand: Array) -> 'VelocityBounds':
+        """Return the bounds for velocities (n,) that the tasks demand, within `settled` bounds."""
+        motion = self._motion._replace(demand=demand)
+        return VelocityBounds(self._limits, motion, self._limits.box(motion), self.cap, self.hold)
 
     @property
     def last(self) -> Array:
@@ -221,6 +237,8 @@ class VelocityLimits:
     ----------
     all : list of JointLimit
         Limits in force, the transient ones last.
+    follow_demand : bool
+        Whether the bounds depend on what the tasks demand.
     cap : ndarray (n,) or None
         See `Bounds`.
     compiled : CompiledLimits or None
@@ -235,6 +253,7 @@ class VelocityLimits:
             values['velocity'] = velocity
         self.all = [limit(values, period, braking_gain) for limit in LIMITS
                     if not limit.transient or np.isfinite(values[limit.key]).any()]
+        self.follow_demand = any(limit.follows_demand for limit in self.all)
         self.cap, self._size = cap, len(values['velocity'])
         self.compiled: CompiledLimits | None = None
         if core is not None and self._size <= MOST and all(limit.compiled for limit in self.all):
@@ -245,9 +264,9 @@ class VelocityLimits:
         """
         Return the bounds on the joint velocities.
 
-        If limits contradict each other, as after a disturbance, the acceleration limit takes
-        precedence and the others are approached as fast as it allows. A joint outside its range
-        has to move inwards at a bounded speed, and may move as fast as inside the range.
+        If limits contradict each other, as after a disturbance, the limits of acceleration and
+        jerk take precedence and the others are approached as fast as these allow. A joint outside
+        its range has to move inwards at a bounded speed, and may move as fast as inside the range.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ constexpr double SIGNIFICANT_SHARE = 0.01, NOTABLE_SHARE = 0.1, NEAR_SINGULAR = 
 
 // Kinds of causes that follow those of limits, whose numbers are the places of their bits.
 enum CauseKind {
-  BY_TASK = 5, BY_BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING, CURVED, ACCELERATING
+  BY_TASK = 6, BY_BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING, CURVED, ACCELERATING
 };
 
 // `index`: the joint or task that it names.

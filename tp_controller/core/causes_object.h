@@ -123,7 +123,8 @@ struct CauseSearch {
     cycle.hold = after.time().mean;
     cycle.slowed = head[0];
     cycle.x = cycle.whole = after.velocity();
-    record.take(2 * n);                // bounds, transient ones among them
+    // Bounds, transient ones among them, and the demand that they follow.
+    record.take(size_t(kind.limits.limits.follow_demand() ? 3 : 2) * n);
     cycle.cap = kind.cap.empty() ? nullptr : kind.cap.data();
     cycle.memory.assign(memory.damping(), memory.damping() + levels);
     for (size_t l = 0; l < levels; ++l) record.level(n, cycle);

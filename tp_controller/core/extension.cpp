@@ -40,6 +40,7 @@ PyObject *constants() {
       {"tasks.joint_limit_distance", {VALUE(MAX_CURVED), VALUE(MAX_RATE)}},
       {"control.joint_limits", {VALUE(RETURN_SHARE), VALUE(RETURN_SPEED),
           VALUE(LARGEST_DISTANCE), VALUE(UNLIMITED_ACCELERATION)}},
+      {"control.jerk_limit", {VALUE(BOUNDARY_STEPS), VALUE(SHORTEST_TAIL)}},
       {"control.velocity_limits", {VALUE(SAME_VELOCITY)}},
       {"control.variants", {VALUE(SETTLING_STEPS), VALUE(MEMORY_SETTLED), VALUE(STEEPEST)}},
       {"control.causes", {VALUE(SIGNIFICANT_SHARE), VALUE(NOTABLE_SHARE), VALUE(NEAR_SINGULAR),

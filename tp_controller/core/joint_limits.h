@@ -35,6 +35,10 @@ struct JointMotion {
   // Number of pending commands, and their sums in each direction, where there are any.
   int count;
   const double *upwards, *downwards;
+  // Of the last command; and the velocities that the tasks demand, where they are known.
+  const double *acceleration;
+  double before;
+  const double *demand;
 };
 
 // Add a pending command to the sums in each direction.
@@ -71,14 +75,24 @@ struct PositionLimits {
   }
 
   Interval at(const JointMotion &motion, double g, size_t j) const {
+    const Interval distances = remaining(motion, j);
+    return {-speed(distances.least, g, j), speed(distances.most, g, j)};
+  }
+
+  // The distances to the lower and to the upper end.
+  Interval remaining(const JointMotion &motion, size_t j) const {
     const double q = motion.positions[j];
     double upwards = 0.0, downwards = 0.0;
     if (motion.count) {
       upwards = motion.duration * motion.upwards[j];
       downwards = motion.duration * motion.downwards[j];
     }
-    return {-speed(felt(q - lower[j], downwards, upwards), g, j),
-            speed(felt(upper[j] - q, upwards, downwards), g, j)};
+    return {felt(q - lower[j], downwards, upwards), felt(upper[j] - q, upwards, downwards)};
+  }
+
+  double strongest(size_t j) const {
+    return acceleration.empty() ? UNLIMITED_ACCELERATION
+        : std::min(acceleration[j], UNLIMITED_ACCELERATION);
   }
 
  private:
@@ -95,7 +109,7 @@ struct PositionLimits {
 
   double braking_speed(double distance, double g, size_t j) const {
     if (acceleration.empty()) return g * distance;
-    const double a = std::min(acceleration[j], UNLIMITED_ACCELERATION);
+    const double a = strongest(j);
     const double change = a * period, slow = a / (g * g);
     const double beyond = std::max(distance - slow, 0.0) / (change * period);
     const double pieces = 1.0 + 2.0 / (g * period);
@@ -116,35 +130,6 @@ struct AccelerationLimit {
         * std::min(motion.elapsed, period);
     const double velocity = motion.velocity[j];
     return {velocity - change, velocity + change};
-  }
-};
-
-// All limits in force, as `LIMITS`.
-struct JointLimits {
-  VelocityLimit velocity;
-  PositionLimits position;
-  AccelerationLimit acceleration;
-
-  size_t size() const { return velocity.values.size(); }
-
-  // Read {key: numbers}; false where they are not those of as many joints.
-  bool read(PyObject *limits, double period, double gain) {
-    PyObject *first = PyDict_GetItemString(limits, "velocity");
-    if (!first || !read_all(first, velocity.values)) return false;
-    position.period = acceleration.period = period;
-    position.gain = gain;
-    position.velocity = velocity.values;
-    const bool fit = read_limit(limits, "lower", true, size(), position.lower)
-        && read_limit(limits, "upper", true, size(), position.upper)
-        && read_limit(limits, "acceleration", false, size(), acceleration.values);
-    position.acceleration = acceleration.values;
-    return fit;
-  }
-
-  // Call with the interval of each transient limit, in the order of precedence.
-  template <typename Clamp>
-  void transient(const JointMotion &motion, size_t j, Clamp clamp) const {
-    if (acceleration.in_force()) clamp(acceleration.at(motion, j));
   }
 };
 

@@ -20,7 +20,7 @@ class CycleMemory {
  public:
   CycleMemory(int n, int delay) : n_(n), delay_(delay) { set_levels(0); }
 
-  void set_levels(size_t count) { numbers_.resize(HEAD + size_t(n_) * (1 + delay_) + count); }
+  void set_levels(size_t count) { numbers_.resize(HEAD + size_t(n_) * (2 + delay_) + count); }
 
   size_t size() const { return numbers_.size(); }
   double *data() { return numbers_.data(); }
@@ -28,9 +28,11 @@ class CycleMemory {
   // When the last command was given, on the clock of the caller; not a number before the first.
   double &commanded() { return numbers_[0]; }
   CycleTime time() const { return {numbers_[1], numbers_[2], numbers_[3], numbers_[4]}; }
+  double &before() { return numbers_[8]; }
   Escape escape() const { return {numbers_[5], numbers_[6], numbers_[7]}; }
   double *velocity() { return &numbers_[HEAD]; }
-  double *pending(int i) { return velocity() + size_t(n_) * (1 + i); }
+  double *acceleration() { return velocity() + n_; }
+  double *pending(int i) { return velocity() + size_t(n_) * (2 + i); }
   double *damping() { return pending(delay_); }
 
   void put(const CycleTime &time) {
@@ -43,14 +45,17 @@ class CycleMemory {
     std::copy(its, its + 3, &numbers_[5]);
   }
 
-  void command(const double *x) {
+  // Note a command, and the time `h` in which it replaces the last one.
+  void command(const double *x, double h) {
+    before() = h;
+    for (int j = 0; j < n_; ++j) acceleration()[j] = (x[j] - velocity()[j]) / h;
     for (int i = delay_ - 1; i > 0; --i) std::copy(pending(i - 1), pending(i), pending(i));
     if (delay_) std::copy(x, x + n_, pending(0));
     std::copy(x, x + n_, velocity());
   }
 
  private:
-  static constexpr size_t HEAD = 8;
+  static constexpr size_t HEAD = 9;
 
   int n_, delay_;
   std::vector<double> numbers_;
@@ -72,6 +77,7 @@ class ControlCycle {
   std::vector<Level> given;              // levels of the tasks that Python evaluates, in order
   std::vector<Rows> evaluations;         // of the other tasks, in order
   double elapsed = 0.0, *lower = nullptr, *upper = nullptr;
+  double *demand = nullptr;              // of tasks; none where no limit follows it
 
   const std::vector<Group> &groups() const { return groups_; }
 
@@ -87,7 +93,7 @@ class ControlCycle {
     double *upwards = arena.zeros(n), *downwards = arena.zeros(n);
     for (int i = 0; i < delay; ++i) add_pending(before.pending(i), n, upwards, downwards);
     return {positions, before.velocity(), since, time.longest_hold(period), delay, upwards,
-            downwards};
+            downwards, before.acceleration(), before.before(), nullptr};
   }
 
   // Compute the cycle at positions where the robot is; `measured`: time since the last command.
@@ -98,16 +104,15 @@ class ControlCycle {
     elapsed = time.advance(
         std::isnan(memory.commanded()) ? (measured > 0.0 && measured < period ? measured : period)
             : std::isnan(measured) ? at.now - memory.commanded() : measured, period);
-    bound(at.positions, time);
     std::copy(memory.damping(), memory.damping() + groups_.size(),
               std::back_inserter(solver.memory));
-    solver.solve(lower, upper, time.mean, cap.empty() ? nullptr : cap.data());
+    solve_within(at.positions, time);
     Escape escape = memory.escape();
     if (escape.is_due(solver.arena, solver.levels, solver.x, solver.n(), time.now)) return false;
     memory.commanded() = at.now;
     memory.put(time);
     memory.put(escape);
-    memory.command(solver.x);
+    memory.command(solver.x, std::min(elapsed, period));
     std::copy(solver.memory.begin(), solver.memory.end(), memory.damping());
     return true;
   }
@@ -122,10 +127,38 @@ class ControlCycle {
     return true;
   }
 
-  void bound(const double *positions, const CycleTime &time) {
+  // Solve the levels within the bounds at positions.
+  void solve_within(const double *positions, const CycleTime &time) {
     lower = solver.arena.take(solver.n());
     upper = solver.arena.take(solver.n());
-    limits.box(motion(solver.arena, positions, memory, elapsed, time), false, lower, upper);
+    JointMotion its = motion(solver.arena, positions, memory, elapsed, time);
+    demand = nullptr;
+    if (limits.limits.follow_demand()) {
+      // First without transient limits: these follow what the tasks demand.
+      const std::vector<Level> levels = solver.levels;
+      const std::vector<double> remembered = solver.memory;
+      limits.box(its, true, lower, upper);
+      solve(time);
+      its.demand = demand = solver.x;
+      limits.box(its, false, lower, upper);
+      if (!solver.looped && is_within(demand)) return;
+      solver.clear();
+      solver.levels = levels;
+      solver.memory = remembered;
+    } else {
+      limits.box(its, false, lower, upper);
+    }
+    solve(time);
+  }
+
+  bool is_within(const double *x) const {
+    for (int j = 0; j < solver.n(); ++j)
+      if (!(x[j] >= lower[j] && x[j] <= upper[j])) return false;
+    return true;
+  }
+
+  void solve(const CycleTime &time) {
+    solver.solve(lower, upper, time.mean, cap.empty() ? nullptr : cap.data());
   }
 
   std::vector<Group> groups_;

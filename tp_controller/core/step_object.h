@@ -159,12 +159,12 @@ void put_errors(const ControlCycle &cycle, Put put) {
 
 // One cycle as a row of doubles, which `CycleRecord` of the reference reads: memory, factor of
 // uniform scaling, whether there are steps, time since the last command, where errors and steps
-// begin, positions, bounds of the joints, levels, errors, and the steps of the solver.
+// begin, positions, bounds of the joints, demand where limits follow it, levels, errors, and the steps of the solver.
 PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
   Solver &solver = cycle.solver;
   const size_t n = size_t(solver.n());
   Record steps(solver);
-  size_t size = cycle.memory.size() + CYCLE_HEAD + 3 * n;
+  size_t size = cycle.memory.size() + CYCLE_HEAD + (cycle.demand ? 4 : 3) * n;
   const auto count = [&size](const double *, size_t more) { size += more; };
   put_levels(cycle, count);
   const double errors_at = double(size);
@@ -184,6 +184,7 @@ PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
   put(positions, n);
   put(cycle.lower, n);
   put(cycle.upper, n);
+  if (cycle.demand) put(cycle.demand, n);
   put_levels(cycle, put);
   put_errors(cycle, put);
   if (solver.looped) steps.write(at);

@@ -83,7 +83,7 @@ class Variants {
   // With the solver of the cycle, and one without damping.
   Variants(Solver &solver, Solver &undamped, const Limits &limits, const SolvedCycle &cycle)
       : solver_(solver), undamped_(undamped), limits_(limits), cycle_(cycle),
-        transient_(limits.limits.acceleration.in_force()) {
+        transient_(limits.limits.has_transient()) {
     for (const Step &step : cycle.steps)
       if (!step.level->bounded) solver.shared.directions.push_back(step.directions);
     solver.levels = cycle.levels;

@@ -6,7 +6,7 @@
 
 #pragma once
 
-#include "joint_limits.h"
+#include "jerk_limit.h"
 
 namespace {
 
@@ -14,8 +14,47 @@ namespace {
 constexpr double SAME_VELOCITY = 1e-9;
 
 // Bits of limits, in the order of `LIMITS`; the reserve follows them.
-constexpr unsigned VELOCITY = 1, UPPER = 2, LOWER = 4, TRANSIENT = 8, RESERVE = 16;
-constexpr unsigned ALL_TRANSIENT = ~(TRANSIENT - 1);
+constexpr unsigned VELOCITY = 1, UPPER = 2, LOWER = 4, ACCELERATION = 8, JERK = 16, RESERVE = 32;
+constexpr unsigned ALL_TRANSIENT = ACCELERATION | JERK;
+
+// All limits in force, as `LIMITS`.
+struct JointLimits {
+  VelocityLimit velocity;
+  PositionLimits position;
+  AccelerationLimit acceleration;
+  JerkLimit jerk;
+
+  size_t size() const { return velocity.values.size(); }
+
+  // Read {key: numbers}; false where they are not those of as many joints.
+  bool read(PyObject *limits, double period, double gain) {
+    PyObject *first = PyDict_GetItemString(limits, "velocity");
+    if (!first || !read_all(first, velocity.values)) return false;
+    position.period = acceleration.period = jerk.period = period;
+    position.gain = gain;
+    position.velocity = velocity.values;
+    const bool fit = read_limit(limits, "lower", true, size(), position.lower)
+        && read_limit(limits, "upper", true, size(), position.upper)
+        && read_limit(limits, "acceleration", false, size(), acceleration.values)
+        && read_limit(limits, "jerk", false, size(), jerk.values);
+    position.acceleration = acceleration.values;
+    jerk.position = position;
+    return fit;
+  }
+
+  bool follow_demand() const { return jerk.in_force(); }
+  bool has_transient() const { return acceleration.in_force() || jerk.in_force(); }
+
+  // Call with the interval of each transient limit but those `without`, and its bit, in the order of
+  // precedence.
+  template <typename Clamp>
+  void transient(const JointMotion &motion, double gain, size_t j, unsigned without,
+                 Clamp clamp) const {
+    if (acceleration.in_force() && !(without & ACCELERATION))
+      clamp(acceleration.at(motion, j), ACCELERATION);
+    if (jerk.in_force() && !(without & JERK)) clamp(jerk.at(motion, gain, j), JERK);
+  }
+};
 
 class Limits {
  public:
@@ -36,13 +75,9 @@ class Limits {
       box.least = std::min(box.least, box.most);
     }
     // Clamp to the reachable velocities, even if all of them are too fast.
-    unsigned bit = TRANSIENT;
-    limits.transient(motion, j, [&](const Interval &reachable) {
-      if (!(without & bit)) {
-        box.least = std::min(std::max(box.least, reachable.least), reachable.most);
-        box.most = std::min(std::max(box.most, reachable.least), reachable.most);
-      }
-      bit <<= 1;
+    limits.transient(motion, gain, j, without, [&](const Interval &reachable, unsigned) {
+      box.least = std::min(std::max(box.least, reachable.least), reachable.most);
+      box.most = std::min(std::max(box.most, reachable.least), reachable.most);
     });
     return box;
   }
@@ -65,12 +100,11 @@ class Limits {
     unsigned found = holds(up ? speed.most : speed.least) ? VELOCITY : 0;
     if (holds(up ? braking.most : -INF)) found |= UPPER;
     if (holds(up ? INF : braking.least)) found |= LOWER;
-    unsigned bit = TRANSIENT;
     // If all reachable velocities are too fast, the nearer end of them is the bound.
-    limits.transient(motion, j, [&](const Interval &reachable) {
+    const auto note = [&](const Interval &reachable, unsigned bit) {
       if (holds(reachable.least) || holds(reachable.most)) found |= bit;
-      bit <<= 1;
-    });
+    };
+    limits.transient(motion, gain, j, without, note);
     found &= ~without;
     // Otherwise the bound is the speed of return from outside of the range.
     return found ? found : up ? UPPER : LOWER;
@@ -93,29 +127,34 @@ PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
 }
 
 // Names of the attributes of a `JointMotion`.
-PyObject *POSITIONS_NAME, *VELOCITY_NAME, *ELAPSED_NAME, *PENDING_NAME, *DURATION_NAME;
+PyObject *POSITIONS_NAME, *VELOCITY_NAME, *ELAPSED_NAME, *PENDING_NAME, *DURATION_NAME,
+    *ACCELERATION_NAME, *BEFORE_NAME, *DEMAND_NAME;
 
 // Names are interned once; false where there is no memory.
 bool intern_motion_names() {
   return intern(POSITIONS_NAME, "positions") && intern(VELOCITY_NAME, "velocity")
       && intern(ELAPSED_NAME, "elapsed") && intern(PENDING_NAME, "pending")
-      && intern(DURATION_NAME, "duration");
+      && intern(DURATION_NAME, "duration") && intern(ACCELERATION_NAME, "acceleration")
+      && intern(BEFORE_NAME, "before") && intern(DEMAND_NAME, "demand");
 }
 
 // A `JointMotion` of n joints that Python has; `fits` where it is one.
 class GivenMotion {
  public:
   GivenMotion(PyObject *given, size_t n)
-      : positions_(n), velocity_(n), upwards_(n), downwards_(n), command_(n) {
+      : positions_(n), velocity_(n), upwards_(n), downwards_(n), command_(n), acceleration_(n),
+        demand_(n) {
     const Held pending(PyObject_GetAttr(given, PENDING_NAME));
     fits = read(given, ELAPSED_NAME, motion.elapsed) && read(given, DURATION_NAME, motion.duration)
         && read(given, POSITIONS_NAME, positions_) && read(given, VELOCITY_NAME, velocity_)
-        && pending && PyTuple_Check(pending);
+        && read(given, BEFORE_NAME, motion.before) && pending && PyTuple_Check(pending);
     motion.count = fits ? int(PyTuple_Size(pending)) : 0;
     for (int i = 0; fits && i < motion.count; ++i) {
       fits = copy(PyTuple_GetItem(pending, i), command_);
       if (fits) add_pending(command_.data(), int(n), upwards_.data(), downwards_.data());
     }
+    fits = fits && read_if_known(given, ACCELERATION_NAME, acceleration_, motion.acceleration)
+        && read_if_known(given, DEMAND_NAME, demand_, motion.demand);
     motion.positions = positions_.data();
     motion.velocity = velocity_.data();
     motion.upwards = upwards_.data();
@@ -145,7 +184,14 @@ class GivenMotion {
     return array && copy(array, found);
   }
 
-  Numbers positions_, velocity_, upwards_, downwards_, command_;
+  static bool read_if_known(PyObject *motion, PyObject *name, Numbers &found,
+                            const double *&numbers) {
+    const Held array(PyObject_GetAttr(motion, name));
+    if (array && array != Py_None) numbers = found.data();
+    return array && (array == Py_None || copy(array, found));
+  }
+
+  Numbers positions_, velocity_, upwards_, downwards_, command_, acceleration_, demand_;
 };
 
 // box(motion, lower, upper): fill in lower and upper (n,); see `Limits::box`.

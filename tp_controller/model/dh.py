@@ -51,9 +51,9 @@ def urdf_from_dh(table: Table, convention: str | None = None) -> str:
     Parameters
     ----------
     table : list, dict, str or pathlib.Path
-        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, acceleration, link}`` with
-        lengths in metres, angles in radians and seconds; only `name` is needed, `link` names
-        the frame after the joint (default ``link1``, ``link2`` …). Or a mapping ``{name,
+        Rows ``{name, a, alpha, d, theta, type, lower, upper, velocity, acceleration, jerk,
+        link}`` with lengths in metres, angles in radians and seconds; only `name` is needed,
+        `link` names the frame after the joint (``link1``, ``link2`` …). Or a mapping ``{name,
         convention, root, joints: rows, frames: [{name, parent, xyz, rpy}]}``; or one of these as
         YAML text or file.
     convention : str, optional

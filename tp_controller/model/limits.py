@@ -19,7 +19,8 @@ from tp_controller.resources import is_number
 
 # {limit: what follows the unit of a position in its own}. All but the position limits limit an
 # absolute value, also of a base, and are infinite by default.
-LIMIT_UNITS = {'lower': '', 'upper': '', 'velocity': '/s', 'acceleration': '/s²'}
+LIMIT_UNITS = {'lower': '', 'upper': '', 'velocity': '/s', 'acceleration': '/s²',
+               'jerk': '/s³'}
 LIMIT_KEYS = tuple(LIMIT_UNITS)
 POSITION_KEYS = ('lower', 'upper')
 # A base has no position limits.

@@ -76,8 +76,8 @@ class Robot:
         Position limits [rad or m], infinite if there are none, as for the base.
     velocity : ndarray (n,)
         Limits of the absolute velocity [rad/s or m/s].
-    acceleration : ndarray (n,)
-        Limits of the absolute acceleration [rad/s² or m/s²], infinite if there are none.
+    acceleration, jerk : ndarray (n,)
+        Limits of the absolute values [rad/s² or m/s², rad/s³ or m/s³], infinite if there are none.
     continuous : ndarray (n,) of bool
         Joints that turn without limits.
     passive_neutral : ndarray (p,)
@@ -102,6 +102,7 @@ class Robot:
     upper: Array
     velocity: Array
     acceleration: Array
+    jerk: Array
 
     def __init__(self, urdf: str, joints: Sequence[str] | None = None,
                  limits: LimitOverrides | None = None, base: str = 'fixed',
@@ -154,8 +155,8 @@ class Robot:
             Driven joints, in the desired order; all that can be driven by default. Joints with
             equal lower and upper limits cannot, unless `limits` are given for them.
         limits : dict, optional
-            ``{joint: {lower, upper, velocity, acceleration}}``; replaces single limits of the
-            URDF. The velocities of a base, ``base_x`` …, are named like joints; they have no
+            ``{joint: {lower, upper, velocity, acceleration, jerk}}``; replaces single limits of
+            the URDF. The velocities of a base, ``base_x`` …, are named like joints; they have no
             position limits, and 0.5 m/s or rad/s is the default of the others.
         world_frame : str
             Name of the frame that a base moves in.

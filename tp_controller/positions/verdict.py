@@ -104,7 +104,8 @@ def reports_at(robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array, 
 
     """
     free = copy(robot)
-    free.velocity, free.acceleration = np.full(robot.n, NO_LIMIT), np.full(robot.n, np.inf)
+    free.velocity = np.full(robot.n, NO_LIMIT)
+    free.acceleration = free.jerk = np.full(robot.n, np.inf)
     options = CycleOptions(free, Settings(blend=0.0), free.velocity)
     tasks = Stack([[attempt(task, at_rest, task, goals.get(task.name)) for task in group]
                    for group in stack.active])

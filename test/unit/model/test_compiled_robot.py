@@ -14,8 +14,8 @@ import pinocchio
 import pytest
 import robots
 from tp_controller import Controller, Robot, Settings, Stack
-from tp_controller.control.joint_limits import JointMotion, LIMITS
-from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.control.joint_limits import JointMotion
+from tp_controller.control.velocity_limits import LIMITS, VelocityLimits
 from tp_controller.model import compiled
 from tp_controller.model.limits import LIMIT_KEYS, POSITIVE_KEYS
 from tp_controller.model.spatial import rotation_from_vector

@@ -400,7 +400,7 @@ def _remedy(setup: Setup, task: TaskResult) -> str:
     if first.kind == STILL_MOVING:
         return 'raise its tolerance, or the time of a run'
     if first.kind == ACCELERATING:
-        return 'raise the acceleration limits, or the time of a run'
+        return 'raise the limits of acceleration and jerk, or the time of a run'
     if task.hint:
         return task.hint
     if first.kind in BY_OTHERS:

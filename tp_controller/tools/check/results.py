@@ -112,9 +112,9 @@ class TaskResult:
 class WorstResult:
     """Extreme of the commands, over all closed loops."""
 
-    kind: str = _spec('`velocity` and `acceleration`: largest share of the limit; `position`: '
-                      'farthest past a limit [rad or m]; `jump`: largest change between two '
-                      'cycles, as a share of the velocity limit')
+    kind: str = _spec('`velocity`, `acceleration` and `jerk`: largest share of the limit; '
+                      '`position`: farthest past a limit [rad or m]; `jump`: largest change '
+                      'between two cycles, as a share of the velocity limit')
     value: float | None = _spec('null without a limit of that kind')
     name: str = _spec('the joint, or velocity of the base')
     run: int = _spec('number of the run, from 0; -1 without one')
