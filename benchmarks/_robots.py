@@ -34,7 +34,8 @@ URDFS = {'Panda, URDF': ('panda.urdf', PANDA_JOINTS),
          'Talos arm': ('talos_left_arm.urdf', None), 'TIAGo': ('tiago.urdf', TIAGO_JOINTS),
          'TIAGo on wheels': ('tiago.urdf', TIAGO_JOINTS)}
 # {name: file in config/robots}
-FILES = {'Panda': 'panda.yaml', 'planar 3R': 'planar_3r.yaml', 'mobile arm': 'mobile_arm.urdf'}
+FILES = {'Panda': 'panda.yaml', 'FR3': 'fr3.yaml', 'planar 3R': 'planar_3r.yaml',
+         'mobile arm': 'mobile_arm.urdf'}
 # {name: kind of base}; the others do not move.
 BASES = {'TIAGo on wheels': 'planar', 'mobile arm': 'planar'}
 
