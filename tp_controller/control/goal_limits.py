@@ -83,7 +83,9 @@ def check_motion(task: Task, form: Form, curve: Curve, state: RobotState | None,
     """
     if not settings.limits_goals or state is None:
         return
-    if form.place is not NONE and task.reference is not None:
+    # As of goals: other points than those of frames may be anywhere.
+    if form.place is not NONE and task.reference is not None \
+            and task.goal_place(task.goal, state) is not None:
         places, _ = curve.samples()
         T = state.pose(task.reference)
         in_root = places[:, form.place].dot(T[:3, :3].T) + T[:3, 3]

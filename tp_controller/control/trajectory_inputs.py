@@ -23,6 +23,7 @@ from tp_controller.references.reference import (
     Reference,
 )
 from tp_controller.resources import is_number
+from tp_controller.tasks.center_of_mass import CenterOfMass
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.joint import JointTask
@@ -283,7 +284,7 @@ class TrajectoryInputs(TaskInputs):
         reference = self._tasks.reference(task, now)
         if reference is None:
             value = form.flatten(task.value(state))
-            velocity = _full_velocity(task, task.jacobian(state).dot(self.velocity))
+            velocity = task.from_rows(task.jacobian(state).dot(self.velocity))
             reference = Reference.braking(form, np.stack((
                 value, form.rate(value, velocity), np.zeros(form.size))), now)
         try:
@@ -300,11 +301,11 @@ def form_of(task: Task) -> Form:
             robot = task.robot
             return joints_form(task.units, robot.continuous[
                 [robot.joint_index(joint) for joint in task.joints]])
-        if isinstance(task, FrameTask) and task.goal_type in FORMS:
+        if isinstance(task, (FrameTask, CenterOfMass)) and task.goal_type in FORMS:
             return FORMS[task.goal_type]
     raise GoalError(f'task {task.name!r} of type {task.type_name} follows no trajectory: it needs '
-                    'a goal that is a point, an orientation or a pose of a frame, or positions of '
-                    'joints')
+                    'a goal that is a point, an orientation or a pose of a frame, a point of the '
+                    'centre of mass, or positions of joints')
 
 
 def speeds(speed: Speed, task: Task, form: Form) -> dict[str, float]:
@@ -356,12 +357,3 @@ def _checked_times(times: ArrayLike, count: int, what: str) -> Array:
         raise GoalError(f'{what}: times must increase, but {found[index + 1]:g} s follows '
                         f'{found[index]:g} s (value {index + 2} of {count})')
     return found
-
-
-def _full_velocity(task: Task, rows: Array) -> Array:
-    """Return the velocity of rows (rows,) in the form of a feed-forward velocity."""
-    if not isinstance(task, FrameTask):
-        return rows
-    twist = np.zeros(6)
-    twist[task.counts] = rows
-    return twist

@@ -9,7 +9,7 @@ import numpy as np
 from tp_controller.model.spatial import Array, pose, read_only
 from tp_controller.model.state import RobotState
 from tp_controller.solver.level import Level
-from tp_controller.tasks.frame import parse_axes
+from tp_controller.tasks.frame import parse_axes, spread
 from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.position import PointTask
 from tp_controller.tasks.sketch import arrow, Dot, Sketch, Triad
@@ -92,3 +92,7 @@ class CenterOfMass(PointTask):
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the selected rows of a twist (6,)."""
         return feed_forward[self._rows]
+
+    def from_rows(self, velocity: Array) -> Array:
+        """Return the twist (6,) of selected rows."""
+        return spread(velocity, self._rows)

@@ -226,6 +226,17 @@ class FrameTask(MovingGoalTask):
         """Return the selected rows of a twist (6,)."""
         return feed_forward[self._twist_rows]
 
+    def from_rows(self, velocity: Array) -> Array:
+        """Return the twist (6,) of selected rows."""
+        return spread(velocity, self._twist_rows)
+
+
+def spread(velocity: Array, rows: slice | list[int]) -> Array:
+    """Return the twist (6,) with velocities in some rows."""
+    twist = np.zeros(6)
+    twist[rows] = velocity
+    return twist
+
 
 def parse_approach(robot: Robot, value: object) -> str:
     """Return the way to a goal, or raise ValueError."""

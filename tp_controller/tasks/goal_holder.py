@@ -160,3 +160,7 @@ class GoalHolder(ABC):
     def in_rows(self, feed_forward: Array) -> Array:
         """Return the components of a feed-forward velocity along the rows (rows,)."""
         return feed_forward
+
+    def from_rows(self, velocity: Array) -> Array:
+        """Return a velocity of the rows (rows,) in the form of a feed-forward velocity."""
+        return velocity

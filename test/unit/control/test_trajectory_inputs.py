@@ -129,6 +129,51 @@ def test_trajectory_turns_the_tool_as_well():
     assert middle.magnitude() == pytest.approx(0.5 * turn.magnitude(), abs=0.02)
 
 
+def test_centre_of_mass_follows_points_from_the_speed_that_it_has():
+    robot = robots.named('ur5')
+    controller = Controller(robot, Stack.from_yaml(
+        '- balance: {type: center_of_mass, axes: xz, gain: 2.0}\n- rest: {type: posture}', robot),
+        Settings(period=PERIOD, blend=0.0))
+    simulator = KinematicSimulator(robot, [0.3, -1.2, 1.4, -0.6, 0.8, 0.1])
+    centers, velocities, errors = [], [], []
+
+    def go(cycles, begin):
+        for cycle in range(begin, begin + cycles):
+            command = controller.update(simulator.q, PERIOD * cycle)
+            simulator.command(command.velocity)
+            simulator.step(PERIOD)
+            centers.append(robot.state(simulator.q).center_of_mass()[0].copy())
+            velocities.append(command.velocity)
+            errors.append(command.report.tasks[0].errors[0][0])
+
+    go(1, 0)
+    controller.set_goal('balance', centers[0] + (0.05, 0.0, 0.02), 0.0)
+    go(30, 1)
+    times = np.linspace(0.8, 3.0, 23)
+    path = centers[0] + np.stack((0.05 * np.sin(2.0 * times), 0.0 * times,
+                                  0.03 * np.cos(2.0 * times)), axis=-1)
+    controller.set_trajectory('balance', times, path, 0.31)
+    go(300, 31)
+    np.testing.assert_allclose(centers[199][[0, 2]], [
+        np.interp(2.0, times, path[:, axis]) for axis in (0, 2)], atol=1e-3)
+    np.testing.assert_allclose(centers[-1][[0, 2]], path[-1, [0, 2]], atol=1e-3)
+    assert max(errors[90:290]) < 1e-3
+    before = np.linalg.norm(velocities[30])
+    assert before > 0.1
+    np.testing.assert_allclose(velocities[31], velocities[30], atol=0.1 * before)
+
+
+def test_workspace_limits_the_places_of_frames_only():
+    robot = robots.named('ur5')
+    controller = Controller(robot, Stack.from_yaml(
+        '- balance: {type: center_of_mass}', robot), Settings(
+            period=PERIOD, workspace=(-0.01, 0.01, -0.01, 0.01, 0.0, 0.01)))
+    q = [0.3, -1.2, 1.4, -0.6, 0.8, 0.1]
+    controller.update(q, 0.0)
+    center = robot.state(q).center_of_mass()[0]
+    controller.set_trajectory('balance', [0.5], [center + (0.01, 0.0, 0.0)], 0.0)
+
+
 def test_posture_follows_joint_positions_by_name():
     run = Run('- posture: {type: posture, gain: 1.0}')
     path = [{'panda_joint1': 0.3 * math.sin(time), 'panda_joint4': -2.356 + 0.1 * time}
