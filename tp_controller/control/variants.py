@@ -9,15 +9,12 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 from tp_controller.control.cycle import Cycle
+from tp_controller.control.settling import settled
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
-from tp_controller.solver.solution import Bounds, Memory, Solution
+from tp_controller.solver.solution import Bounds, Solution
 from tp_controller.tasks.stack import levels_of
 from tp_controller.tasks.task import Evaluation
-
-# Most steps of the secant method in which a memory settles, the relative change of the last one,
-# and the steepest slope of what a cycle leaves of it that is believed.
-SETTLING_STEPS, MEMORY_SETTLED, STEEPEST = 16, 5e-2, 0.5
 
 
 class ActiveLimits(NamedTuple):
@@ -65,10 +62,10 @@ class Variants:
         """Return the index of the level of a task."""
         return self._level_indices[id(evaluation)]
 
-    @property
+    @cached_property
     def lasting(self) -> Solution:
         """Return the solution of the cycle that lasts."""
-        return self._lasting[0]
+        return settled(self.cycle)
 
     @property
     def remembers(self) -> bool:
@@ -95,7 +92,7 @@ class Variants:
     @cached_property
     def undamped(self) -> Array:
         """Return the velocities (n,) without damping."""
-        return self._velocity(self.cycle._replace(solver=self.cycle.solver.undamped))
+        return settled(self.cycle._replace(solver=self.cycle.solver.undamped)).velocity
 
     def without(self, removed: Sequence[Removable]) -> Array:
         """Return the velocities (n,) without some tasks and limits."""
@@ -104,8 +101,9 @@ class Variants:
             groups = [[each for each in group if each not in removed]
                       for group in self._evaluations]
             kept = [index for index, group in enumerate(groups) if group]
-            self._found[key] = self._velocity(self.cycle_without(removed)._replace(
-                levels=levels_of([groups[index] for index in kept])), kept)
+            self._found[key] = settled(self.cycle_without(removed)._replace(
+                levels=levels_of([groups[index] for index in kept]),
+                memory=tuple([self.cycle.memory[index] for index in kept]))).velocity
         return self._found[key]
 
     def cycle_without(self, removed: Sequence[Removable]) -> Cycle:
@@ -121,34 +119,4 @@ class Variants:
         other = replace(evaluation, level=level)
         groups = [[other if each is evaluation else each for each in group]
                   for group in self._evaluations]
-        return self._velocity(self.cycle._replace(levels=levels_of(groups)))
-
-    @cached_property
-    def _lasting(self) -> tuple[Solution, Memory]:
-        """Return the solution of the cycle that lasts, and its memory."""
-        return _settled(self.cycle, self.cycle.memory)
-
-    def _velocity(self, cycle: Cycle, kept: Sequence[int] | None = None) -> Array:
-        """Return the velocities (n,) of a changed cycle that kept these levels, by index."""
-        memory = self._lasting[1]
-        if kept is not None:
-            memory = tuple([memory[index] for index in kept])
-            cycle = cycle._replace(memory=tuple([self.cycle.memory[index] for index in kept]))
-        return _settled(cycle, memory)[0].velocity
-
-
-def _settled(cycle: Cycle, memory: Memory) -> tuple[Solution, Memory]:
-    """Return the solution of a cycle once a memory has settled, at most at its own, and it."""
-    last: tuple[Memory, Memory] | None = None
-    for _ in range(SETTLING_STEPS):
-        solution = cycle._replace(memory=memory).solve()
-        left = tuple([min(bend, most) for bend, most in zip(solution.bends, cycle.memory)])
-        if all(abs(new - old) <= MEMORY_SETTLED * old for new, old in zip(left, memory)):
-            break
-        slopes = [0.0] * len(memory) if last is None else [
-            min((new - new_last) / (old - old_last), STEEPEST) if old != old_last else 0.0
-            for old, new, old_last, new_last in zip(memory, left, *last)]
-        last = memory, left
-        memory = tuple([min(max(old + (new - old) / (1.0 - slope), 0.0), most)
-                        for old, new, slope, most in zip(memory, left, slopes, cycle.memory)])
-    return solution, memory
+        return settled(self.cycle._replace(levels=levels_of(groups))).velocity

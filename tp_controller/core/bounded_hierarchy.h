@@ -6,7 +6,7 @@
 
 #pragma once
 
-#include "null_space.h"
+#include "level_step.h"
 #include "polytope.h"
 #include "qp.h"
 
@@ -15,29 +15,6 @@ namespace {
 // Constants of the reference.
 constexpr double ROW_DAMPING = 0.1;
 constexpr double SOFTEST = 1e-8;
-
-struct Step {
-  const Level *level = nullptr;
-  const double *velocity = nullptr, *followed = nullptr;
-  Directions directions;
-  Columns relaxed;
-  bool is_relaxed = false;
-  const double *multipliers = nullptr, *row_multipliers = nullptr;
-  int rows = 0;
-  double bend = 0.0;
-};
-
-// Levels with a demand, and what they could move.
-struct Above {
-  const Level *level;
-  Directions its;
-};
-
-// What the first levels with a demand can move, where they were solved before.
-struct Shared {
-  std::vector<Directions> directions;
-  size_t count = 0;
-};
 
 class BoundedHierarchy {
  public:
@@ -54,8 +31,30 @@ class BoundedHierarchy {
 
   double *x() { return x_; }
 
-  Step carry_out(const Level &level, double c) {
-    const Directions its = above_.size() < shared_.count ? shared_.directions[above_.size()]
+  // Note from now on the joints (n,) whose bounds a level may depend on.
+  void watch(int *touched) { touched_ = touched; }
+
+  Progress progress() const {
+    return {arena_.copy(x_, n_), Z_, relaxed_, above_.size(), allowed_.count,
+            arena_.copy(allowed_.row_lower, allowed_.count),
+            arena_.copy(allowed_.row_upper, allowed_.count)};
+  }
+
+  // Take back the levels since then.
+  void return_to(const Progress &then) {
+    std::copy(then.x, then.x + n_, x_);
+    Z_ = then.Z;
+    relaxed_ = then.relaxed;
+    above_.erase(above_.begin() + std::ptrdiff_t(then.above), above_.end());
+    allowed_.count = then.rows;
+    std::copy(then.row_lower, then.row_lower + then.rows, allowed_.row_lower);
+    std::copy(then.row_upper, then.row_upper + then.rows, allowed_.row_upper);
+  }
+
+  // With what the level can move, where that is known.
+  Step carry_out(const Level &level, double c, const Directions *known = nullptr) {
+    const Directions its = known ? *known
+        : above_.size() < shared_.count ? shared_.directions[above_.size()]
         : Decomposition(arena_, level, Z_, above_.empty(), !relaxed_).found();
     const int rank = its.rank;
     double *gains = arena_.take(rank), *step = arena_.take(rank), *missing = arena_.take(level.m);
@@ -162,6 +161,7 @@ class BoundedHierarchy {
     double *x = arena_.copy(origin, n_), *fitting = arena_.take(n_);
     add_columns(Q, step, rank, x);
     if (!allowed_.fitting(x, fitting)) return false;
+    touch(fitting, x);
     std::copy(fitting, fitting + n_, x_);
     return true;
   }
@@ -211,12 +211,15 @@ class BoundedHierarchy {
     for (int j = 0; j < k; ++j) stiffness[j] = j < rank ? std::max(s[j] * s[j], c) : c;
     add_columns(Q, step, rank, demanded);
     allowed_.clip(demanded, off);
+    touch(off, demanded);
     add(-1.0, demanded, off, n_);
     for (int j = 0; j < k; ++j) start[j] = target[j] + dot(Q[j], off, n_);
     const double mu = damping().regularisation;
     double least = mu * mu;
     // It would cost the bounds their digits.
     if (least < SOFTEST * *std::max_element(stiffness, stiffness + k)) least = 0.0;
+    // An exact minimum may be more than one point.
+    if (least == 0.0) touch_all();
     return move(origin, Q, regularised(arena_, stiffness, target,
                                        allowed_.along(arena_, origin, Q, 0, 0), least, start));
   }
@@ -227,8 +230,18 @@ class BoundedHierarchy {
     add_columns(Q, found.a, Q.k, x);
     add(1.0 / ROUNDING, found.multipliers, x, n_);
     allowed_.clip(x, x_);
+    touch(x_, x);
     allowed_.widen(x_);
     return found.multipliers;
+  }
+
+  // Joints whose velocities were clipped.
+  void touch(const double *clipped, const double *x) const {
+    for (int j = 0; touched_ && j < n_; ++j) touched_[j] |= clipped[j] != x[j];
+  }
+
+  void touch_all() const {
+    if (touched_) std::fill(touched_, touched_ + n_, 1);
   }
 
   void apart(const double *multipliers, Step &found) const {
@@ -302,6 +315,7 @@ class BoundedHierarchy {
       if (!damping_.off()) reduce(lower[i], upper[i], square / (ROW_DAMPING * ROW_DAMPING));
     }
     if (nearest_step(m, G, lower, upper, asked)) return nullptr;
+    touch_all();
     // One more variable for each row: what is missing to its bound.
     const Program soft = with_rows(m, m, G, lower, upper);
     double *stiffness = arena_.take(soft.k), *target = arena_.zeros(soft.k);
@@ -333,8 +347,12 @@ class BoundedHierarchy {
     for (int i = 0; i < m; ++i)
       dear |= asked[i] > 0.0
           && share * std::abs(found.multipliers[program.rows - m + i]) > asked[i];
-    if (dear && !damping_.off()) ease(m, G, lower, upper, asked);
-    else move(x_, Z_, found);
+    if (dear && !damping_.off()) {
+      touch_all();
+      ease(m, G, lower, upper, asked);
+    } else {
+      move(x_, Z_, found);
+    }
     return true;
   }
 
@@ -399,6 +417,7 @@ class BoundedHierarchy {
   Columns Z_, identity_;
   std::vector<Above> &above_;
   bool relaxed_ = false;
+  int *touched_ = nullptr;
 };
 
 }  // namespace

@@ -27,6 +27,7 @@ class Solver {
   std::vector<Level> levels;
   std::vector<double> memory;
   std::vector<Step> steps;
+  std::vector<Above> above;
   double *x = nullptr, *whole = nullptr, slowed = 1.0;
   bool looped = false, busy = false;     // not looped: the fast path did it
   // What is known of levels that are solved again; and whether their demands are those of
@@ -63,7 +64,6 @@ class Solver {
   // Solve the levels; no bounds and no cap where they are null.
   void solve(const double *lower, const double *upper, double period, const double *cap) {
     const int n = options_.n;
-    x = arena.take(n);
     if (!lower || !upper) {
       double *least = arena.take(n), *most = arena.take(n);
       std::fill(least, least + n, -INF);
@@ -71,10 +71,7 @@ class Solver {
       lower = least;
       upper = most;
     }
-    curved_.clear();
-    for (double h : memory) curved_.push_back(options_.damping.curvature(h, period));
-    whole = x;
-    if (options_.fast && fast(lower, upper, period, cap)) {
+    if (solve_fast(lower, upper, period, cap)) {
       for (double &h : memory) h = options_.damping.follow(h, 0.0, period);
       return;
     }
@@ -85,6 +82,30 @@ class Solver {
     }
     loop(lower, upper, cap, false, x);
     remember(period);
+  }
+
+  // Whether the fast path solves the levels.
+  bool solve_fast(const double *lower, const double *upper, double period, const double *cap) {
+    x = whole = arena.take(options_.n);
+    curved_.clear();
+    for (double h : memory) curved_.push_back(options_.damping.curvature(h, period));
+    return options_.fast && fast(lower, upper, period, cap);
+  }
+
+  // For levels one after the other, and then `finish`.
+  BoundedHierarchy hierarchy(Polytope &allowed) {
+    return BoundedHierarchy(arena, allowed, options_.damping, above, shared);
+  }
+
+  void finish(BoundedHierarchy &hierarchy, const double *lower, const double *upper) {
+    looped = true;
+    double *found = arena.take(options_.n);
+    finish(hierarchy, found);
+    x = found;
+    whole = found;
+    if (!options_.uniform) return;
+    x = arena.take(options_.n);
+    scale(lower, upper);
   }
 
  private:
@@ -129,7 +150,7 @@ class Solver {
     int rows = 0;
     for (const Level &level : levels) rows += level.bounded ? level.m : 0;
     Polytope allowed(arena, n, lower, upper, rows);
-    BoundedHierarchy hierarchy(arena, allowed, options_.damping, above_, shared);
+    BoundedHierarchy hierarchy = this->hierarchy(allowed);
     steps.clear();
     for (size_t l = 0; l < levels.size(); ++l) {
       if (levels[l].bounded) {
@@ -140,6 +161,11 @@ class Solver {
       if (cap) allowed.narrow(cap, hierarchy.x());
       cap = nullptr;
     }
+    finish(hierarchy, found);
+  }
+
+  void finish(BoundedHierarchy &hierarchy, double *found) const {
+    const int n = options_.n;
     hierarchy.finish(weights());
     std::copy(hierarchy.x(), hierarchy.x() + n, found);
     if (!std::isfinite(dot(found, found, n))) throw Unsolved();
@@ -150,10 +176,11 @@ class Solver {
     double *least = arena.take(n), *most = arena.take(n);
     std::fill(least, least + n, -INF);
     std::fill(most, most + n, INF);
-    whole = arena.take(n);
+    double *free = arena.take(n);
+    whole = free;
     if (std::any_of(levels.begin(), levels.end(), [](const Level &l) { return l.bounded; })) {
       // No bounds of levels are worth slowing the joints more than the demands need.
-      loop(least, most, nullptr, true, whole);
+      loop(least, most, nullptr, true, free);
       const double found = scale_uniformly(n, whole, lower, upper, x).slowed;
       const double share = found != 0.0 ? found : 1.0;
       for (int j = 0; j < n; ++j) {
@@ -162,8 +189,13 @@ class Solver {
         most[j] = rest + (upper[j] - rest) / share;
       }
     }
-    loop(least, most, nullptr, false, whole);
+    loop(least, most, nullptr, false, free);
     remember(period);
+    scale(lower, upper);
+  }
+
+  void scale(const double *lower, const double *upper) {
+    const int n = options_.n;
     const Scaled found = scale_uniformly(n, whole, lower, upper, x);
     slowed = found.slowed;
     if (found.limiting < 0) return;
@@ -185,7 +217,6 @@ class Solver {
   const double *free_ = nullptr;
   std::vector<double> curved_, demands_curved_;
   std::vector<const Level *> demands_;
-  std::vector<Above> above_;
 };
 
 }  // namespace

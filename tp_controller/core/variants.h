@@ -6,14 +6,10 @@
 
 #pragma once
 
-#include "solve.h"
+#include "settling.h"
 #include "velocity_limits.h"
 
 namespace {
-
-// Constants of the reference.
-constexpr int SETTLING_STEPS = 16;
-constexpr double MEMORY_SETTLED = 5e-2, STEEPEST = 0.5;
 
 // The rows of a task among those of its level.
 struct Part {
@@ -69,21 +65,13 @@ struct SolvedCycle {
   }
 };
 
-// What the solver found.
-struct Found {
-  const double *x, *whole;
-  double slowed;
-  std::vector<Step> steps;               // none where the fast path solved it
-  std::vector<double> memory;
-};
-
 // Velocities of a cycle that is solved again with some of its tasks or limits changed.
 class Variants {
  public:
   // With the solver of the cycle, and one without damping.
   Variants(Solver &solver, Solver &undamped, const Limits &limits, const SolvedCycle &cycle)
       : solver_(solver), undamped_(undamped), limits_(limits), cycle_(cycle),
-        transient_(limits.limits.has_transient()) {
+        transient_(limits.limits.has_transient()), settling_(solver) {
     for (const Step &step : cycle.steps)
       if (!step.level->bounded) solver.shared.directions.push_back(step.directions);
     solver.levels = cycle.levels;
@@ -92,14 +80,19 @@ class Variants {
     limits.box(cycle.motion, true, lower, upper);
     lower_ = lower;
     upper_ = upper;
-    settle();
+    share(variant_without({}));
+    settling_.begin({cycle.levels, cycle.memory, lower_, upper_, cycle.cap, cycle.hold});
   }
 
   // The solution of the cycle that lasts.
-  const Found &lasting() const { return lasting_; }
+  const Found &lasting() const { return settling_.first(); }
 
   // The velocity without transient limits, with the present memory.
-  const double *accelerated() const { return accelerated_; }
+  const double *accelerated() {
+    if (accelerated_) return accelerated_;
+    if (!transient_) return accelerated_ = cycle_.x;
+    return accelerated_ = lasting().moved ? solve_once(cycle_.memory, cycle_.hold) : lasting().x;
+  }
 
   // Whether the memory damps a level.
   bool remembers() const {
@@ -108,24 +101,22 @@ class Variants {
   }
 
   const double *straight() {
-    if (straight_) return straight_;
-    double *found = arena().take(solver_.n());
-    Arena::Frame frame(arena());
-    solve(solver_, variant_without({}), std::vector<double>(cycle_.levels.size()), 0.0);
-    std::copy(solver_.x, solver_.x + solver_.n(), found);
-    return straight_ = found;
+    if (!straight_) straight_ = solve_once(std::vector<double>(cycle_.levels.size()), 0.0);
+    return straight_;
   }
 
   const double *undamped() {
     if (undamped_velocity_) return undamped_velocity_;
     undamped_.begin();
-    return undamped_velocity_ = velocity(undamped_, variant_without({}));
+    Settling settling(undamped_);
+    return undamped_velocity_ = velocity(settling, variant_without({}), 0);
   }
 
   // Without some tasks and limits.
   const double *without(const Removed &removed) {
     for (const auto &each : without_) if (each.first == removed) return each.second;
-    without_.push_back({removed, velocity(solver_, variant_without(removed))});
+    const Variant variant = variant_without(removed);
+    without_.push_back({removed, velocity(settling_, variant, same_levels(removed))});
     return without_.back().second;
   }
 
@@ -151,7 +142,7 @@ class Variants {
     double *J = arena().copy(level.J, size_t(level.m) * level.n);
     std::copy(rows, rows + size_t(part.m) * level.n, J + size_t(part.first) * level.n);
     level.J = J;
-    return velocity(solver_, variant);
+    return velocity(settling_, variant, part.level);
   }
 
  private:
@@ -237,81 +228,47 @@ class Variants {
     return found;
   }
 
-  // Find the cycle that lasts. Without transient limits the present one is its first step.
-  void settle() {
-    const Variant variant = variant_without({});
-    Settling its = {cycle_.memory, {}, {}};
-    for (int i = 0; i < SETTLING_STEPS; ++i) {
-      if (i == 0 && !transient_) {
-        lasting_ = {cycle_.x, cycle_.whole, cycle_.slowed, cycle_.steps, {}};
-      } else {
-        solve(solver_, variant, its.memory, cycle_.hold);
-        lasting_ = {solver_.x, solver_.whole, solver_.slowed, {}, {}};
-        if (solver_.looped) lasting_.steps = solver_.steps;
-        // The levels of the solver are those of a variant later.
-        for (size_t l = 0; l < lasting_.steps.size(); ++l)
-          lasting_.steps[l].level = &cycle_.levels[l];
-      }
-      if (i == 0) accelerated_ = lasting_.x;
-      if (has_settled(lasting_.steps, variant, its)) break;
-    }
-    lasting_.memory = its.memory;
+  // The number of levels that depend on none of some tasks and limits.
+  size_t same_levels(const Removed &removed) const {
+    size_t count = cycle_.levels.size();
+    for (const Removable &each : removed)
+      count = std::min(count, each.task < 0 ? settling_.independent_of(each.active.joint)
+                                            : cycle_.parts[size_t(each.task)].level);
+    return count;
   }
 
-  // A memory on its way, and what the last cycle left of it.
-  struct Settling {
-    std::vector<double> memory, before, left;
-  };
-
-  // Whether the memory is what a cycle leaves, at most the present one; otherwise it moves towards
-  // that.
-  bool has_settled(const std::vector<Step> &steps, const Variant &variant, Settling &its) const {
-    const auto now = [&](size_t l) {
-      return steps.empty() ? 0.0 : std::min(steps[l].bend, cycle_.memory[variant.kept[l]]);
-    };
-    bool settled = true;
-    for (size_t l = 0; l < its.memory.size(); ++l)
-      settled = settled && std::fabs(now(l) - its.memory[l]) <= MEMORY_SETTLED * its.memory[l];
-    if (settled) return true;
-    const bool first = its.left.empty();
-    its.before.resize(its.memory.size());
-    its.left.resize(its.memory.size());
-    for (size_t l = 0; l < its.memory.size(); ++l) {
-      const double old = its.memory[l], left = now(l);
-      const double slope = first || old == its.before[l] ? 0.0
-          : std::min((left - its.left[l]) / (old - its.before[l]), STEEPEST);
-      its.memory[l] = std::min(std::max(old + (left - old) / (1.0 - slope), 0.0),
-                               cycle_.memory[variant.kept[l]]);
-      its.before[l] = old;
-      its.left[l] = left;
-    }
-    return false;
-  }
-
-  // The velocities (n,) of a variant whose memory has settled.
-  const double *velocity(Solver &solver, const Variant &variant) {
-    double *found = arena().take(solver.n());
-    Settling its;
-    for (size_t index : variant.kept) its.memory.push_back(lasting_.memory[index]);
-    Arena::Frame frame(solver.arena);
-    for (int i = 0; i < SETTLING_STEPS; ++i) {
-      solve(solver, variant, its.memory, cycle_.hold);
-      if (has_settled(solver.looped ? solver.steps : none_, variant, its)) break;
-    }
-    std::copy(solver.x, solver.x + solver.n(), found);
+  // The velocities (n,) of a variant whose memory has settled; `same`: its first levels have not
+  // changed.
+  const double *velocity(Settling &settling, const Variant &variant, size_t same) {
+    double *found = arena().take(solver_.n());
+    std::vector<double> memory;
+    for (size_t index : variant.kept) memory.push_back(cycle_.memory[index]);
+    Arena::Frame frame(arena()), other(undamped_.arena);
+    share(variant);
+    const double *x = settling.solve(
+        {variant.levels, memory, variant.lower, variant.upper, variant.cap, cycle_.hold}, same);
+    std::copy(x, x + solver_.n(), found);
     return found;
   }
 
-  void solve(Solver &solver, const Variant &variant, const std::vector<double> &memory,
-             double hold) const {
-    solver.clear();
-    solver.levels = variant.levels;
-    solver.memory = memory;
-    if (&solver == &solver_) {
-      solver.shared.count = variant.shared;
-      solver.same = variant.same;
-    }
-    solver.solve(variant.lower, variant.upper, hold, variant.cap);
+  // The velocities (n,) of the cycle with a memory that stays.
+  const double *solve_once(const std::vector<double> &memory, double hold) {
+    double *found = arena().take(solver_.n());
+    Arena::Frame frame(arena());
+    const Variant variant = variant_without({});
+    share(variant);
+    solver_.clear();
+    solver_.levels = variant.levels;
+    solver_.memory = memory;
+    solver_.solve(variant.lower, variant.upper, hold, variant.cap);
+    std::copy(solver_.x, solver_.x + solver_.n(), found);
+    return found;
+  }
+
+  // Decompose no level anew whose demands, and those of levels above, are the same.
+  void share(const Variant &variant) {
+    solver_.shared.count = variant.shared;
+    solver_.same = variant.same;
   }
 
   Solver &solver_, &undamped_;
@@ -319,8 +276,7 @@ class Variants {
   const SolvedCycle &cycle_;
   const bool transient_;
   const double *lower_ = nullptr, *upper_ = nullptr;
-  Found lasting_;
-  const std::vector<Step> none_;
+  Settling settling_;
   std::vector<std::pair<Removed, const double *>> without_;
   const double *accelerated_ = nullptr, *straight_ = nullptr, *undamped_velocity_ = nullptr;
 };
