@@ -14,8 +14,9 @@ Jerk limits: a search for a counterexample, and what they cost.
     the largest second difference of the commands, the cycles in which it is above the limit, and
     the time until the tool is there, relative to that without.
 ``--moves``
-    Ramps between two postures: the time relative to the time-optimal one of `ruckig`, where that
-    is installed.
+    Single joints, with the limits of those of ``--cycles``, go from rest to one end of their range
+    as fast as the bounds allow: the time until they are nearly there, relative to the time-optimal
+    motion of ``ruckig``, if that is installed (``pip install ruckig``).
 """
 
 import argparse
@@ -48,8 +49,12 @@ CASES = {
 # What a tool is at its goal within [m, 1], rotations by the norm of their difference, and the
 # longest that is waited for [s].
 THERE, LONGEST = (1e-3, 1e-2), 10.0
+# Speed of the joints below which a robot has come to rest elsewhere, after a second [rad/s].
+STILL = 1e-4
 # Share of the ranges from which starts and goals are.
 WITHIN = 0.7
+# Share of a way of which a joint may be away from its end to be there.
+NEARLY = 0.01
 # Second differences count as above a limit beyond this share.
 ROUNDING = 1e-9
 
@@ -57,7 +62,7 @@ ROUNDING = 1e-9
 class Joints:
     """Single joints with limits and a period of their own, drawn from a generator."""
 
-    def __init__(self, number, count):
+    def __init__(self, number, count, full_gain=False):
         self.random = random = np.random.default_rng(number)
         self.period = 10.0 ** random.uniform(-3.0, -1.3)
         middle, reach = random.uniform(-2.0, 2.0, count), 10.0 ** random.uniform(-4.0, 0.5, count)
@@ -69,7 +74,8 @@ class Joints:
         self.acceleration[random.random(count) < 0.1] = np.inf
         limits = {key: getattr(self, key)
                   for key in ('lower', 'upper', 'velocity', 'acceleration', 'jerk')}
-        gain = random.choice([1.0, random.uniform(0.02, 1.0)]) / self.period
+        gain = random.choice([1.0, random.uniform(0.02, 1.0)])
+        gain = 1.0 / self.period if full_gain else gain / self.period
         self.limits = VelocityLimits(SimpleNamespace(limits=limits), self.period, gain)
         self.start = middle + random.uniform(-1.0, 1.0, count) * reach
 
@@ -137,7 +143,7 @@ def robot_of(case, limited=True):
 
 
 def move(robot, case, number, scaling='redistribute'):
-    """Return the `Motion` of a robot to a goal, and with its stack to the end, at rest."""
+    """Return the `Motion` of a robot to a goal, until it is there or at rest."""
     _, tool, rate, _, jerks = CASES[case]
     random = np.random.default_rng(number)
     middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
@@ -165,6 +171,8 @@ def move(robot, case, number, scaling='redistribute'):
                     and np.linalg.norm(pose[:3, :3] - goal[:3, :3]) < THERE[1]:
                 found.time = cycle / rate
                 break
+            if cycle > rate and np.abs(v).max() < STILL:
+                break
     return found
 
 
@@ -173,6 +181,60 @@ def shares(limited, free):
     ratios = np.array([one.time / other.time for one, other in zip(limited, free)
                        if np.isfinite(one.time) and np.isfinite(other.time)])
     return ratios if len(ratios) else np.array([np.nan])
+
+
+def arrival_times(joints, cycles=20_000):
+    """Return the times (n,) in which joints from rest get near their upper limits [s]."""
+    T, q, v = joints.period, joints.start, np.zeros(len(joints.start))
+    a, before, found = 0.0 * v, T, np.full(len(v), np.nan)
+    near = joints.upper - NEARLY * (joints.upper - joints.start)
+    for cycle in range(cycles):
+        motion = JointMotion(q, v, T, (), T, a, before, joints.velocity)
+        command = joints.limits.box(motion)[1]
+        v, a = command, (command - v) / T
+        q = q + T * v
+        found[np.isnan(found) & (q >= near)] = (cycle + 1) * T
+        if np.isfinite(found).all():
+            break
+    return found
+
+
+def optimal_time(joints, index):
+    """Return the time at which the time-optimal motion to its limit takes a joint as near [s]."""
+    way = float(joints.upper[index] - joints.start[index])
+    given = ruckig.InputParameter(1)
+    given.current_position, given.target_position = [0.0], [way]
+    given.current_velocity = given.current_acceleration = [0.0]
+    given.target_velocity = given.target_acceleration = [0.0]
+    given.max_velocity = [float(joints.velocity[index])]
+    given.max_acceleration = [min(float(joints.acceleration[index]), 1e6)]
+    given.max_jerk = [float(joints.jerk[index])]
+    motion = ruckig.Trajectory(1)
+    ruckig.Ruckig(1).calculate(given, motion)
+    early, late = 0.0, motion.duration
+    for _ in range(50):
+        middle = 0.5 * (early + late)
+        position, *_ = motion.at_time(middle)
+        early, late = (middle, late) if position[0] < (1.0 - NEARLY) * way else (early, middle)
+    return late
+
+
+def moves(count):
+    """Print times of single joints relative to those of time-optimal motions."""
+    ratios, shares_of = [], []
+    for number in range(-(-count // 50)):
+        joints = Joints(number, 50, full_gain=True)
+        times = arrival_times(joints)
+        for index in np.flatnonzero(np.isfinite(times)):
+            optimal = optimal_time(joints, index)
+            ratios.append(times[index] / optimal)
+            shares_of.append(joints.period / optimal)
+    ratios, few = np.array(ratios), np.array(shares_of) > 0.05
+    print('| motions of single joints | number | time / time-optimal: median | 90 % | most |')
+    print('|' + ' --- |' * 5)
+    for title, which in (('of at least 20 cycles', ~few), ('of fewer', few)):
+        print(f'| {title} | {which.sum()} | {np.median(ratios[which]):.3f} | '
+              f'{np.quantile(ratios[which], 0.9):.3f} | {ratios[which].max():.3f} |', flush=True)
 
 
 def search(cycles):
@@ -210,10 +272,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--cycles', type=int, default=10_000_000, help='of single joints')
     parser.add_argument('--goals', type=int, default=1000, help='of each case')
+    parser.add_argument('--moves', type=int, default=2000, help='of single joints')
     parser.add_argument('--cases', nargs='+', choices=CASES, default=list(CASES))
     options = parser.parse_args()
     if options.cycles:
         search(options.cycles)
+    if options.moves and ruckig is not None:
+        moves(options.moves)
     if options.goals:
         goals(options.goals, options.cases)
 

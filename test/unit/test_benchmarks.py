@@ -175,6 +175,7 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
     ['weights.py', '--states', '2', '--goals', '1'],
     ['jumps.py', '--runs', '1'], ['references.py', '--runs', '1'],
+    ['jerk.py', '--cycles', '120000', '--moves', '0', '--goals', '1'],
     ['causes.py', '--tasks', '2'], ['hints.py', '--hints', '2'],
     ['published.py', '--problems', '50']])
 @pytest.mark.slow

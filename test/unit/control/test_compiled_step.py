@@ -128,6 +128,8 @@ def assert_equal_cycles(one, other):
 def assert_equal_memories(one, other):
     """Assert that two memories are the same."""
     close(one.velocity, other.velocity)
+    close(one.acceleration, other.acceleration, 1e-9)
+    close(one.before, other.before)
     close(one.pending, other.pending)
     np.testing.assert_allclose(one.damping, other.damping, rtol=1e-12, atol=1e-12)
     close(one.time, other.time)
@@ -170,6 +172,32 @@ def test_cycles_are_those_of_step(name, base, delay, scaling):
         q = robot.integrate(q, velocity, 0.01)
     # All but the first cycle, and those of the transition.
     assert sum(record is not None for record in records) >= 60
+
+
+@pytest.mark.parametrize('scaling', ['uniform', 'redistribute'])
+@pytest.mark.parametrize('delay', [0, 2])
+def test_cycles_with_jerk_limits_are_those_of_step(delay, scaling):
+    robot = Robot.from_file(robots.PANDA_DH, limits={
+        name: {'acceleration': 7.5, 'jerk': 200.0} for name in panda().joint_names})
+    one, other = pair(STACK, robot, command_delay=delay, scaling=scaling, blend=0.05)
+    records, q, rng = counting(one), READY, np.random.default_rng(0)
+    for cycle in range(200):
+        now = 0.01 * cycle - 0.004 * (cycle % 2)
+        if cycle % 60 == 10:
+            T = robot.state(q).pose(TOOL).copy()
+            T[:3, 3] += rng.uniform(-0.4, 0.4, 3)
+            for controller in (one, other):
+                controller.set_goal('tool', T, now)
+        other._last = Commanded(one._memory)
+        velocity = one.update(q, now).velocity
+        close(velocity, other.update(q, now).velocity)
+        if isinstance(one._last, CycleRecord):
+            assert_equal_cycles(one._last, other._last)
+            # The causes read the demand over in the record.
+            assert one._last.causes(np.zeros(4)) is not None
+        assert_equal_memories(one._memory, other._memory)
+        q = robot.integrate(q, velocity, 0.01)
+    assert sum(record is not None for record in records) >= 160
 
 
 @pytest.mark.parametrize('number', range(26))
