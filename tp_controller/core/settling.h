@@ -102,6 +102,7 @@ class Settling {
     found_.steps = solver_.steps;
     // Those of the solver may be levels of another cycle later.
     for (size_t l = 0; l < its.levels.size(); ++l) found_.steps[l].level = &its.levels[l];
+    settled_ = memory_;
     above_ = solver_.above;
     std::vector<Directions> &directions = solver_.shared.directions;
     if (directions.empty())
@@ -186,9 +187,19 @@ class Settling {
       solver_.above = above_;
       hierarchy.return_to(state.progress);
     }
+    memory_ = its.memory;
+    std::copy(settled_.begin(), settled_.begin() + std::ptrdiff_t(same), memory_.begin());
+    // Whether the fast path solves the cycle once it has forgotten all.
+    solver_.memory.assign(its.levels.size(), 0.0);
+    forgotten_ = solver_.solve_fast(its.lower, its.upper, its.hold, its.cap);
     for (size_t l = 0; l < its.levels.size(); ++l) {
       const Level &level = its.levels[l];
       if (l >= same) solver_.steps.push_back(settle_level(hierarchy, its, l, keep));
+      if (l >= same && is_fast_) {
+        states_.clear();
+        solver_.steps.clear();
+        return;
+      }
       const double *x = l < same ? found_.steps[l].velocity : hierarchy.x();
       if (l >= same && keep)
         states_.push_back({hierarchy.progress(), allowed.rows, allowed.lengths, touched_});
@@ -212,21 +223,31 @@ class Settling {
     }
     Directions known;
     for (bool again = false;; again = true) {
+      memory_[l] = search.memory;
+      is_fast_ = forgotten_ && is_fast(its);
       const double c = solver_.options().damping.curvature(search.memory, its.hold);
-      const Step step = level.bounded ? hierarchy.satisfy(level, c)
-          : hierarchy.carry_out(level, c, again ? &known : nullptr);
-      if (search.has_settled(step.bend, step.velocity)) {
+      const Step step = is_fast_ ? Step() : level.bounded ? hierarchy.satisfy(level, c)
+          : hierarchy.carry_out(level, c, known.m ? &known : nullptr);
+      if (search.has_settled(step.bend, is_fast_ ? solver_.x : step.velocity)) {
         moved_ = moved_ || again;
         return step;
       }
+      if (is_fast_) continue;
       known = step.directions;
       hierarchy.return_to(before);
     }
   }
 
+  // Whether the fast path solves the cycle with the memory so far.
+  bool is_fast(const Lasting &its) {
+    solver_.memory = memory_;
+    return solver_.solve_fast(its.lower, its.upper, its.hold, its.cap);
+  }
+
   Solver &solver_;
   const int n_;
-  bool moved_ = false;
+  bool moved_ = false, forgotten_ = false, is_fast_ = false;
+  std::vector<double> memory_, settled_; // of the levels now, and at the end of the first cycle
   int *touched_ = nullptr;
   Found found_;
   std::vector<State> states_;

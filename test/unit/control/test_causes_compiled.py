@@ -75,6 +75,13 @@ def test_causes_in_random_stacks_are_those_of_the_reference(number, monkeypatch)
     assert cycles >= 4
 
 
+def test_causes_are_the_same_where_the_fast_path_solves_a_cycle_that_has_forgotten(monkeypatch):
+    # Level by level, with the memory of the cycle, a joint stays at its limit.
+    monkeypatch.syspath_prepend(str(REPOSITORY / 'benchmarks'))
+    scene = list(importlib.import_module('causes').drive('Panda', 14))[13]
+    assert compared(scene) == {'curvature'}
+
+
 def limited(name, robot=None, **settings):
     """Return a slow controller whose goals are far away, after some cycles."""
     robot = robot or robots.panda()
