@@ -177,10 +177,11 @@ class PositionMonitor(Monitor):
 
     def _jumps(self, promise):
         """Yield changes of the velocity of commanded positions that are too fast."""
-        usual = 0.0
+        # The last two times between commands; the last one of a stop may be longer.
+        usual = 0.0, 0.0
         for (began, before, _), (time, velocity, _) in zip(self.commands, self.commands[1:]):
-            passed, longest = time - began, max(self.PAUSE, 3.0 * usual)
-            usual = passed
+            passed, longest = time - began, max(self.PAUSE, 3.0 * min(usual))
+            usual = usual[1], passed
             allowed = promise.acceleration * passed
             if passed <= longest \
                     and (np.abs(velocity - before) > allowed * (1.0 + 1e-6) + 1e-9).any():

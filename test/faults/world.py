@@ -284,10 +284,10 @@ class World:
         if self.now > self.arrives + 1e-9:
             self.velocity = np.zeros(len(self.q))
         self.setpoint = self.setpoint + STEP * self.velocity
-        velocity, limit = self.plant(self.velocity), self.robot.velocity[self.robot.joint_columns]
-        if self.plant is ideal and self.target is not None:
-            velocity = velocity + (self.setpoint - self.q) / DRIVE_SECONDS
-        return np.clip(velocity, -limit, limit)
+        if self.plant is not ideal or self.target is None:
+            return self.plant(self.velocity)
+        limit = self.robot.velocity[self.robot.joint_columns]
+        return np.clip(self.velocity + (self.setpoint - self.q) / DRIVE_SECONDS, -limit, limit)
 
     def _run_loop(self):
         """Do what an executor does."""

@@ -1,0 +1,135 @@
+# Copyright 2026 tp_controller contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Controllers of positions as processes that end, are killed, stopped, or run tasks that hang."""
+
+import signal
+import time
+
+import numpy as np
+from processes_harness import DEADLINE
+import pytest
+from std_msgs.msg import Float64MultiArray
+from test_processes import heads, LIMITED, replaced, STACK, TASK
+from trajectory_msgs.msg import JointTrajectory
+
+__all__ = ['heads', 'replaced']
+# [rad/s²], as `LIMITED` has it, and the velocity limit of the planar arm [rad/s].
+ACCELERATION, VELOCITY = 2.0, 1.0
+
+
+class Positions:
+    """Commanded positions of either output, with the times at which they were sent."""
+
+    def __init__(self, listener):
+        self.sent, self._listener = [], listener
+        node = listener.client.node
+        node.create_subscription(Float64MultiArray, '/position_controller/commands',
+                                 lambda message, info: self._take(message.data, info), 5000)
+        node.create_subscription(
+            JointTrajectory, '/joint_trajectory_controller/joint_trajectory',
+            lambda message, info: self._take(message.points[0].positions, info), 5000)
+
+    def _take(self, positions, info):
+        """Take commanded positions."""
+        self.sent.append((1e-9 * info['source_timestamp'], np.array(positions)))
+
+    def since(self, begin):
+        """Return the positions that were sent after a time."""
+        return [positions for sent, positions in self.sent if sent > begin]
+
+    def moving(self):
+        """Return whether the robot is commanded to move, not slowly any more."""
+        return len(self.sent) > 10 and np.abs(self.sent[-1][1] - self.sent[0][1]).max() > 0.3
+
+    def arrives(self):
+        """Wait until the robot stands at the last position, or one that it heard before."""
+        self._listener.wait(lambda: np.allclose(
+            self._listener.states[-1][0], self.sent[-1][1], atol=0.05)
+            and not self._listener.states[-1][1].any(), 'a robot at rest')
+
+    def check(self):
+        """Check that no position is farther from the one before than the time between allows."""
+        times, positions = (np.array(each) for each in zip(*self.sent))
+        # Positions are computed at the beginning of a cycle, and sent at its end.
+        allowed = VELOCITY * (np.diff(times) + 0.02)[:, None]
+        assert (np.abs(np.diff(positions, axis=0)) <= allowed).all()
+
+
+@pytest.fixture
+def positions(listener):
+    """Return the positions that are commanded."""
+    return Positions(listener)
+
+
+@pytest.fixture(params=['position', 'trajectory'])
+def output(request):
+    """Return the output of a controller."""
+    return request.param
+
+
+@pytest.fixture
+def moving(listener, start, positions, output):
+    """Return controller and simulator of a moving planar arm."""
+    nodes = (start('controller_node', '-p', f"stack:='{STACK}'", '-p', f'output:={output}',
+                   *LIMITED), start('simulator_node'))
+    listener.wait(positions.moving, 'motion', nodes)
+    return nodes
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_answered_by_braking_and_told(moving, listener, positions, heads, number):
+    controller, _ = moving
+    begin = time.time()
+    controller.process.send_signal(number)
+    assert controller.process.wait(DEADLINE) == 0
+    listener.wait(lambda: heads and heads[-1] == f'ended by {number.name}', 'the last status')
+    listener.catch_up()
+    last = np.array(positions.since(begin)[-3:])
+    # From 1 rad/s it takes 0.5 s and 0.25 rad, but for cycles that a busy machine has lost.
+    assert np.ptp(last, axis=0).max() < 1e-3
+    assert np.abs(last[-1] - positions.since(begin - 0.05)[0]).max() < 0.5
+    positions.arrives()
+    positions.check()
+
+
+def test_a_robot_whose_controller_is_killed_stands_still_at_the_last_position(
+        moving, listener, positions):
+    controller, _ = moving
+    controller.process.kill()
+    controller.process.wait(DEADLINE)
+    listener.catch_up()
+    positions.arrives()
+    positions.check()
+
+
+def test_a_controller_that_was_stopped_goes_on_from_the_last_position(moving, listener,
+                                                                      positions):
+    controller, simulator = moving
+    controller.process.send_signal(signal.SIGSTOP)
+    end = time.time() + 1.5
+    listener.wait(lambda: time.time() > end, 'the end', [simulator])
+    positions.arrives()
+    still, count = positions.sent[-1][1], len(positions.sent)
+    controller.process.send_signal(signal.SIGCONT)
+    listener.wait(lambda: len(positions.sent) > count
+                  and np.abs(positions.sent[-1][1] - still).max() > 0.05, 'motion', [controller])
+    positions.check()
+
+
+def test_the_watchdog_sends_the_last_position_while_a_task_takes_a_second(
+        replaced, listener, positions, heads, tmp_path, output, monkeypatch):
+    # Its fixture waits for velocities.
+    monkeypatch.setattr(listener, 'moving', positions.moving)
+    controller = replaced(TASK, 'switch.unlink(); time.sleep(1.0)', '-p', 'status_rate:=50.0',
+                          '-p', f'output:={output}', *LIMITED)
+    (tmp_path / 'switch').touch()
+    told = 'no cycle was completed within watchdog_timeout'
+    listener.wait(lambda: any(told in head for head in heads), 'the reason', [controller])
+    count = len(positions.sent)
+    listener.wait(lambda: len(positions.sent) > count + 3, 'more positions', [controller])
+    still = np.array([each for _, each in positions.sent[count:count + 3]])
+    assert np.ptp(still, axis=0).max() < 1e-9
+    listener.wait(lambda: np.abs(positions.sent[-1][1] - still[-1]).max() > 0.05, 'motion',
+                  [controller])
+    positions.check()
