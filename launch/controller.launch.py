@@ -13,10 +13,14 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 from tp_controller.resources import find_file
+from tp_controller.ros.declarations.controller import OUTPUTS
 
 CONFIG = [FindPackageShare('tp_controller'), 'config']
 # Any robot can carry it out: it stays where it is until a goal arrives.
 DEFAULT_STACK = '- posture: {type: posture}'
+# Those of the outputs.
+TOPICS = ('velocity_controller/commands', 'position_controller/commands',
+          'joint_trajectory_controller/joint_trajectory')
 # What RViz needs for goals that can be dragged.
 INTERACTIVE = ('interactive_goals/update', 'interactive_goals/feedback',
                'interactive_goals/get_interactive_markers')
@@ -51,8 +55,12 @@ def generate_launch_description() -> LaunchDescription:
             'namespace', default_value='',
             description='namespace of the nodes and their topics'),
         DeclareLaunchArgument(
-            'commands', default_value='velocity_controller/commands',
-            description='topic of the joint velocities'),
+            'output', default_value='', choices=['', *OUTPUTS],
+            description='commands for the joints: velocity, position or trajectory; empty: as '
+                        'the parameter file says, else velocity'),
+        DeclareLaunchArgument(
+            'commands', default_value='',
+            description='topic of the commands for the joints; empty: that of the output'),
         DeclareLaunchArgument(
             'use_sim_time', default_value='false', choices=['true', 'false'],
             description='take the time from /clock'),
@@ -83,7 +91,8 @@ def generate_launch_description() -> LaunchDescription:
 def _controller(context: LaunchContext) -> list[Node]:
     """Return the controller node: an argument that is empty leaves the parameter file alone."""
     given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('robot', 'base', 'stack', 'xacro_arguments', 'params_file')}
+             for name in ('robot', 'base', 'stack', 'output', 'xacro_arguments', 'params_file')}
+    commands = LaunchConfiguration('commands').perform(context)
     file, words = given.pop('params_file'), given.pop('xacro_arguments')
     if not file:
         given['stack'] = given['stack'] or DEFAULT_STACK
@@ -96,7 +105,8 @@ def _controller(context: LaunchContext) -> list[Node]:
         namespace=LaunchConfiguration('namespace'),
         parameters=[*([str(find_file(file))] if file else []),
                     {'use_sim_time': _boolean('use_sim_time'), **texts, **lists}],
-        remappings=[('velocity_controller/commands', LaunchConfiguration('commands'))],
+        # Only one of them is published.
+        remappings=[(topic, commands) for topic in TOPICS if commands],
         output='screen')]
 
 

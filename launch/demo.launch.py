@@ -26,6 +26,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage
 from tp_controller.model.robot import Robot
 from tp_controller.resources import find_file
+from tp_controller.ros.declarations.controller import OUTPUTS
 from tp_controller.tools.demos.scenarios import DEMOS, Goal, robot_of
 
 # How long a goal may take to be reached before the next one follows [s].
@@ -56,6 +57,10 @@ def generate_launch_description() -> LaunchDescription:
             description='other tasks, the highest priority first: YAML text, a path or '
                         'package://<package>/<path>; they get no goals; empty: those of the '
                         'demo, for another robot one posture task'),
+        DeclareLaunchArgument(
+            'output', default_value='', choices=['', *OUTPUTS],
+            description='commands for the joints; empty: as the parameter file says, else '
+                        'velocity'),
         DeclareLaunchArgument(
             'params_file', default_value='',
             description='parameter file, a path or package://<package>/<path>, in place of the '
@@ -102,7 +107,7 @@ def _demo(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             PythonLaunchDescriptionSource([ThisLaunchFileDir(), '/controller.launch.py']),
             launch_arguments={**given, 'fixed_frame': robot.root, **{
                 name: LaunchConfiguration(name)
-                for name in ('namespace', 'use_sim_time', 'rviz')}}.items()),
+                for name in ('namespace', 'output', 'use_sim_time', 'rviz')}}.items()),
         *_one_after_the_other([process for step in goals for process in _step(step)]),
     ]
 

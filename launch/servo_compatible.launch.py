@@ -56,8 +56,8 @@ def generate_launch_description() -> LaunchDescription:
             'namespace', default_value='',
             description='namespace of the nodes and their topics'),
         DeclareLaunchArgument(
-            'commands', default_value='velocity_controller/commands',
-            description='topic of the joint velocities'),
+            'commands', default_value='',
+            description='topic of the joint velocities; empty: velocity_controller/commands'),
         DeclareLaunchArgument(
             'use_sim_time', default_value='false', choices=['true', 'false'],
             description='take the time from /clock'),

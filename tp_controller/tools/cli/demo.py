@@ -13,8 +13,10 @@ from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.demos.startup import report_if_slow
 
-# The same as in tp_controller.tools.demos.outcome, whose import takes a second.
+# The same as in tp_controller.tools.demos.outcome and tp_controller.ros.declarations.controller,
+# whose imports take a second.
 FILM, NO_FILM = 'TP_CONTROLLER_FILM', 'none'
+OUTPUTS = ('velocity', 'position', 'trajectory')
 DEMOS = {
     'panda': 'a 7-DoF arm over ROS 2 topics (default)',
     'mobile': 'an arm on wheels carries a tray past obstacles',
@@ -33,6 +35,7 @@ examples:
   tp_controller demo --no-film               no film: done as soon as the goals are
   tp_controller demo underwater              a vehicle with an arm, beside a riser
   tp_controller demo --view                  the same, live on a page in the browser, too
+  tp_controller demo --commands position     the controller commands positions
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
 
 The demos panda, mobile, underwater and two_arms start a controller and a simulator of their own,
@@ -49,6 +52,9 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
                         'of the demo (default: ./tp_demo)')
     parser.add_argument('--seed', type=_seed, default=1,
                         help='seed of the random goals of lab2 (default: 1)')
+    parser.add_argument('--commands', default='velocity', choices=OUTPUTS,
+                        help='what the controller commands in demos over ROS 2: joint velocities, '
+                        'or positions, alone or as trajectories (default: velocity)')
     parser.add_argument('--view', action='store_true',
                         help='show it on a page in the browser while it runs, too (demos over '
                         'ROS 2)')
@@ -81,7 +87,8 @@ def run_demo(options: argparse.Namespace) -> int:
             from tp_controller.tools.demos.ros_demos import run_demo as run_over_ros
             from tp_controller.tools.demos.scenarios import DEMOS as ROS_DEMOS
         set_up_fast_dds()
-        passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view)
+        passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view,
+                              options.commands)
     return 0 if passed else 1
 
 

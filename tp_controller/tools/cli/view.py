@@ -18,6 +18,7 @@ from tp_controller.errors import TpControllerError
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.demo import OUTPUTS
 from tp_controller.tools.demos.processes import (
     ended_by_sigterm,
     NodeProcess,
@@ -60,6 +61,9 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
                        'shown (default: a demo is started)')
     shown.add_argument('--demo', choices=tuple(DEMOS), type=_demo, default='panda',
                        help='the demo that is started (default: panda)')
+    parser.add_argument('--commands', default='velocity', choices=OUTPUTS,
+                        help='what the controller of the demo commands: joint velocities, or '
+                        'positions, alone or as trajectories (default: velocity)')
     parser.add_argument('--host', default=LOCAL,
                         help='address that the page is shown at (default: 127.0.0.1, which only '
                         'this machine can reach; whoever can reach it can move the robot)')
@@ -95,20 +99,21 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         goals: 'list[Step]' = []
         nodes: list[NodeProcess] = []
         if options.node is None:
-            nodes = _start_demo(stack, _file(options.demo, ''))
+            nodes = _start_demo(stack, _file(options.demo, ''), options.commands)
             goals = load_yaml(_file(options.demo, '_goals').read_text())
             print(_how_to_send(_at_once(goals[-1])[0]), flush=True)
         _show(stack, server, options.node or CONTROLLER, nodes,
               _at_once(goals[0]) if goals else [])
 
 
-def _start_demo(stack: ExitStack, parameters: Path) -> list[NodeProcess]:
+def _start_demo(stack: ExitStack, parameters: Path, output: str) -> list[NodeProcess]:
     """Start the nodes of a demo in their own ROS domain."""
     all_started = stack.enter_context(ended_by_sigterm())
     environment = stack.enter_context(own_domain())
     # The page runs in this process, which must be in the same domain.
     os.environ.update(environment)
-    nodes = start_nodes(stack, parameters, environment, stack.enter_context(_log_folder()))
+    nodes = start_nodes(stack, parameters, environment, stack.enter_context(_log_folder()),
+                        output)
     all_started()
     return nodes
 

@@ -3,7 +3,10 @@
 
 """Recorder of a running controller: configurations, commands, errors of the tasks."""
 
+from collections import deque
+from collections.abc import Sequence
 import time
+from typing import Any, cast
 
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
@@ -17,9 +20,40 @@ from tp_controller.ros.client.configuration import base_velocities, Configuratio
 from tp_controller.ros.client.received_status import subscribe_status
 from tp_controller.ros.client.status import ControllerStatus
 from tp_controller.tools.recording.task_curves import TaskCurves
+from trajectory_msgs.msg import JointTrajectory
 
 # Units of the recorded errors.
 ERROR_UNITS = ('m', 'rad')
+
+
+class PositionDifferences:
+    """
+    Velocities of commanded positions that are sent at irregular times.
+
+    Attributes
+    ----------
+    DURATION : float
+        Time over which they are the mean [s].
+
+    """
+
+    DURATION = 0.1
+
+    def __init__(self) -> None:
+        self._received: deque[tuple[float, Array]] = deque()
+
+    def velocities(self, positions: Sequence[float] | Array, now: float) -> Array | None:
+        """Return velocities [rad/s or m/s] at a time [s]; None with too few positions."""
+        received = self._received
+        if received and not 0.0 <= now - received[-1][0] <= self.DURATION:
+            received.clear()
+        received.append((now, np.array(positions)))
+        while len(received) > 2 and now - received[1][0] >= self.DURATION:
+            received.popleft()
+        since, before = received[0]
+        if now - since < self.DURATION:
+            return None
+        return (received[-1][1] - before) / (now - since)
 
 
 class Recorder:
@@ -53,6 +87,12 @@ class Recorder:
         node.create_subscription(JointState, '/joint_states', self._on_state, 50)
         node.create_subscription(Float64MultiArray, '/velocity_controller/commands',
                                  self._on_command, 50)
+        # One of the three comes, as the parameter `output` of the controller says.
+        self._positions = PositionDifferences()
+        node.create_subscription(Float64MultiArray, '/position_controller/commands',
+                                 cast(Any, self._on_positions), 50)
+        node.create_subscription(JointTrajectory, '/joint_trajectory_controller/joint_trajectory',
+                                 cast(Any, self._on_trajectory), 50)
         subscribe_status(node, client.controller, self._on_status, 50)
         if robot.moves:
             node.create_subscription(Odometry, '/odom', self._on_odometry,
@@ -84,7 +124,25 @@ class Recorder:
 
     def _on_command(self, message: Float64MultiArray) -> None:
         """Record a command of the joints; a mobile base follows with its own."""
-        self._velocity[self._robot.joint_columns] = message.data
+        self._take_velocities(message.data)
+
+    def _on_positions(self, message: Float64MultiArray, info: dict[str, int]) -> None:
+        """Record the velocities of commanded positions."""
+        self._take_positions(message.data, info)
+
+    def _on_trajectory(self, message: JointTrajectory, info: dict[str, int]) -> None:
+        """Record the velocities of trajectories of one point."""
+        self._take_positions(message.points[0].positions, info)
+
+    def _take_positions(self, positions: Sequence[float], info: dict[str, int]) -> None:
+        """Record the velocities of positions; a busy machine receives them late."""
+        velocities = self._positions.velocities(positions, 1e-9 * info['source_timestamp'])
+        if velocities is not None:
+            self._take_velocities(velocities)
+
+    def _take_velocities(self, velocities: Sequence[float] | Array) -> None:
+        """Record velocities of the joints."""
+        self._velocity[self._robot.joint_columns] = velocities
         if not self._robot.moves:
             self._record_command()
 

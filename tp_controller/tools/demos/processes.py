@@ -177,8 +177,9 @@ def _end_with_this_process() -> list[str]:
 
 
 def start_nodes(stack: ExitStack, parameters: Path, environment: Mapping[str, str],
-                folder: Path) -> list[NodeProcess]:
+                folder: Path, output: str = 'velocity') -> list[NodeProcess]:
     """Start a simulator and a controller until a stack ends, with logs in a folder."""
-    return [stack.enter_context(NodeProcess(name, ['--params-file', str(parameters)], environment,
-                                            folder / f'{name}.log'))
-            for name in ('simulator_node', 'controller_node')]
+    file = ['--params-file', str(parameters)]
+    return [stack.enter_context(NodeProcess(name, arguments, environment, folder / f'{name}.log'))
+            for name, arguments in (('simulator_node', file), (
+                'controller_node', [*file, '-p', f'output:={output}']))]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # Imported when a demo starts: nothing else here needs ROS.
 LINGER_SECONDS = 0.5
 
 
-def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
+def run_demo(demo: Demo, folder: Path, page: bool = False, output: str = 'velocity') -> bool:
     """
     Run a demo, print its table and write its figures.
 
@@ -49,6 +49,8 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         Folder of figures and logs.
     page : bool
         Whether to show it on a page in the browser, too.
+    output : str
+        Parameter `output` of the controller.
 
     Returns
     -------
@@ -63,7 +65,7 @@ def run_demo(demo: Demo, folder: Path, page: bool = False) -> bool:
         os.environ.update(environment)
         running = stack.enter_context(ExitStack())
         # The nodes start during the following imports.
-        nodes = start_nodes(running, demo.file(''), environment, folder)
+        nodes = start_nodes(running, demo.file(''), environment, folder, output)
         startup = Startup(nodes, _print)
         live = _start_page(stack, environment, folder) if page else None
         all_started()

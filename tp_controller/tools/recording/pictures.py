@@ -24,6 +24,8 @@ from tp_controller.tools.recording.task_curves import MOST_CURVES
 
 # Largest number of goals in a plot.
 MOST_CHANGES = 40
+# Topic of the same type that has no velocities.
+POSITION_COMMANDS = 'position_controller/commands'
 
 
 def draw(history: History, robot: Robot | None, folder: Path,
@@ -87,7 +89,8 @@ def _draw_velocities(history: History, robot: Robot | None, folder: Path,
 
 def command_topic(history: History) -> str:
     """Return the topic of the joint velocities; empty if there is none."""
-    return nearest(list(history.commands), ['velocity_controller/commands'], history.namespace)
+    topics = [topic for topic in history.commands if not topic.endswith(POSITION_COMMANDS)]
+    return nearest(topics, ['velocity_controller/commands'], history.namespace)
 
 
 def _limits(robot: Robot | None, names: list[str]) -> tuple[Array, list[str]]:

@@ -10,7 +10,7 @@ import pytest
 from robots import CONFIG, PLANAR_DH
 from sensor_msgs.msg import JointState
 from tp_controller import Robot
-from tp_controller.tools.demos.motion_recorder import Recorder
+from tp_controller.tools.demos.motion_recorder import PositionDifferences, Recorder
 
 
 def recorder_of(harness, robot):
@@ -44,6 +44,31 @@ def test_configurations_and_commands_of_a_base_and_its_joints_are_recorded(harne
     assert {task for task, _ in recorder.curves.columns} == {'park', 'swing'}
     assert all(np.isfinite(values).all() for rows in (recorder.states, recorder.commands)
                for _, values in rows)
+
+
+# The executor of a client: the other one passes on no times.
+@pytest.mark.parametrize('any_harness', ['standard'], indirect=True)
+@pytest.mark.parametrize('output', ['position', 'trajectory'])
+def test_velocities_of_commanded_positions_are_recorded(any_harness, output):
+    harness = any_harness
+    recorder = recorder_of(harness, Robot.from_file(PLANAR_DH))
+    harness.controller(output=output, limits__joint1__velocity=0.3)
+    harness.simulator()
+    harness.spin_until(lambda: is_complete(recorder), 'all that is recorded')
+    harness.spin_until(lambda: recorder.commands[-1][1][0] == pytest.approx(0.3, abs=0.02),
+                       'its velocity')
+
+
+def test_velocities_are_the_mean_over_a_moment_whatever_the_times_of_receipt():
+    differences, random = PositionDifferences(), np.random.default_rng(0)
+    found = []
+    for step in range(100):
+        now = 0.01 * step
+        found.append(differences.velocities([2.0 * now, -now], now + random.uniform(0.0, 4e-3)))
+    assert found[:10] == [None] * 10
+    np.testing.assert_allclose(found[12:], np.tile([2.0, -1.0], (88, 1)), rtol=0.05)
+    # A pause, in which the robot may have been elsewhere.
+    assert differences.velocities([9.0, 9.0], 5.0) is None
 
 
 def test_time_counts_from_the_last_start(harness):

@@ -13,6 +13,7 @@ from tp_controller.ros.client.status import TaskStatus
 from tp_controller.tools.recording.goals import Goal, Goals, outcome
 from tp_controller.tools.recording.history import History, nearest
 from tp_controller.tools.recording.motion import MOST_FRAMES
+from tp_controller.tools.recording.pictures import command_topic
 from tp_controller.tools.recording.reader import Bag
 from tp_controller.tools.recording.report import summary
 from tp_controller.tools.recording.robots import configurations, path_of, robot_of, tool_frames
@@ -132,6 +133,13 @@ def test_a_renamed_topic_is_found(tmp_path):
         (time, topic.replace('velocity_controller/commands', 'arm/velocities'), message)
         for time, topic, message in recordings.run()))
     assert list(history_of(path).commands) == ['/arm/velocities']
+
+
+def test_commanded_positions_are_no_velocities(tmp_path):
+    path = recordings.write(tmp_path / 'run', (
+        (time, topic.replace('velocity_controller', 'position_controller'), message)
+        for time, topic, message in recordings.run()))
+    assert command_topic(history_of(path)) == ''
 
 
 def test_other_messages_of_the_same_types_are_left_alone(tmp_path):
