@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from robots import PLANAR_DH
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
 from tp_controller.errors import SettingsError
 from tp_controller.ros.controller_node import ControllerNode
@@ -40,6 +40,8 @@ class Robot:
         harness.node.create_subscription(self.kind, TOPICS[output], self._hear, 50)
         self.velocities = harness.commands()
         self.arm, self.status = Arm(harness, Q), Status(harness)
+        # Called all the time.
+        self.meanwhile = self.publish
 
     def _hear(self, message):
         """Take commanded positions."""
@@ -54,7 +56,7 @@ class Robot:
 
     def until(self, condition, what='the condition'):
         """Spin until something has come about."""
-        self.harness.spin_until(condition, what, meanwhile=self.publish)
+        self.harness.spin_until(condition, what, meanwhile=self.meanwhile)
 
     def until_moving(self):
         """Spin until the robot has come up to its speed."""
@@ -205,6 +207,36 @@ def test_a_listener_of_the_positions_counts_as_one(harness, output):
     kind = JointTrajectory if output == 'trajectory' else Float64MultiArray
     heard = harness.record(kind, TOPICS[output])
     harness.spin_until(lambda: status.head == 'running' and heard, meanwhile=arm.publish)
+
+
+def test_a_switch_and_a_state_of_the_robot_stop_it_in_the_same_way(harness, output):
+    robot = Robot(harness, output, enable_topic='/enable', permit_topics=['/program'],
+                  enable_timeout=0.5)
+    switch, program = (harness.publisher(Bool, topic, connected=False)
+                       for topic in ('/enable', '/program'))
+    allowed = {'enable': True, 'program': True}
+
+    def meanwhile():
+        robot.publish()
+        for publisher, name in ((switch, 'enable'), (program, 'program')):
+            if allowed[name] is not None:
+                publisher.publish(Bool(data=allowed[name]))
+
+    robot.meanwhile = meanwhile
+    # Off, no longer received, and lost for good; then it comes to rest on its way.
+    for name, value, told in (('enable', False, 'not enabled: /enable is false'),
+                              ('enable', None, 'not enabled: nothing received on /enable'),
+                              ('program', False, '/program is 0; call')):
+        robot.until_moving()
+        allowed[name] = value
+        robot.until(lambda told=told: told in robot.status.head, told)
+        count = len(robot.positions)
+        robot.until_still()
+        braked(robot, count)
+        allowed[name] = True
+    robot.until(lambda: '/program' not in harness.call(
+        Trigger, '/tp_controller/start', meanwhile).message)
+    robot.until_moving()
 
 
 def test_commands_come_in_the_order_of_command_joints(harness, output):

@@ -484,13 +484,15 @@ def test_a_demo_without_a_chromium_writes_all_but_the_film(environment, tmp_path
 
 
 @pytest.mark.skipif(find_spec('rclpy') is None, reason='needs ROS 2')
-@pytest.mark.parametrize('name, asked', [
-    ('panda', ['tool', 'tool', 'elbow', 'elbow', 'tool']), ('mobile', ['tray', 'tray', 'lift']),
-    ('underwater', ['tool', 'station', 'tool', 'heading']),
-    ('two_arms', ['carry', 'carry', 'elbow'])])
-def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_path, name, asked):
+@pytest.mark.parametrize('name, output, asked', [
+    ('panda', 'velocity', ['tool', 'tool', 'elbow', 'elbow', 'tool']),
+    ('mobile', 'position', ['tray', 'tray', 'lift']),
+    ('underwater', 'velocity', ['tool', 'station', 'tool', 'heading']),
+    ('two_arms', 'trajectory', ['carry', 'carry', 'elbow'])])
+def test_the_demo_of_a_robot_reaches_its_goals_within_limits(environment, tmp_path, name, output,
+                                                             asked):
     status, said, complaint = command_line(environment, 'demo', name, '--output', str(tmp_path),
-                                           seconds=120.0)
+                                           '--commands', output, seconds=120.0)
     assert status == 0, said + complaint
     outcomes = re.findall(r'> (\w+) .*?(\S.*)$', said, re.MULTILINE)
     outcomes = [(task, text) for task, text in outcomes if task != 'marks']
