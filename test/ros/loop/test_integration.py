@@ -130,6 +130,16 @@ def test_a_robot_that_follows_with_lag_and_noise_is_never_slowed_down(rate, lag)
         drive.go(positions)
 
 
+@pytest.mark.parametrize('lead, late', [(0.0, 0.0), (0.2, 0.2)])
+def test_a_steady_error_of_the_drives_slows_nothing_down_at_full_speed(lead, late):
+    subject, full = integration(lead=lead), LIMITS['velocity']
+    ahead = late * full + 0.0199
+    velocity, _ = subject.advance(full, full, np.zeros(3), ahead, 0.01)
+    np.testing.assert_array_equal(velocity, full)
+    velocity, _ = subject.advance(full, full, np.zeros(3), ahead + 0.01, 0.01)
+    assert (velocity < full).all()
+
+
 def test_all_joints_wait_for_one_that_is_blocked():
     subject = integration(acceleration=np.full(3, np.inf))
     ahead = np.array([0.0, subject.largest_lead[1] - 0.005, 0.0])

@@ -65,7 +65,9 @@ class Integration:
         velocity = np.where(np.isinf(velocity), UNLIMITED_VELOCITY, velocity)
         gain = min(LEAD_GAIN, 1.0 / period)
         self._braking = np.maximum(self._acceleration, velocity / LONGEST_RAMP)
-        self.largest_lead = lead * velocity + RESTING_LEAD + stopping_distance(
+        # Within this lead no velocity up to the limits has to be lower.
+        self._velocity, self._free_lead = velocity, lead * velocity + RESTING_LEAD
+        self.largest_lead = self._free_lead + stopping_distance(
             velocity, self._braking, period, gain)
         self._bound = UpperPositionLimit({
             'upper': self.largest_lead, 'velocity': velocity,
@@ -116,9 +118,11 @@ class Integration:
 
     def _share(self, velocity: Array, ahead: Array, interval: float) -> float:
         """Return the share of velocities (m,) from which the lead stays within its bound."""
+        speed = np.abs(velocity)
+        if (np.abs(ahead) <= self._free_lead).all() and (speed <= self._velocity).all():
+            return 1.0
         toward = np.where(velocity < 0.0, -ahead, ahead)
         allowed = np.maximum(self._bound.speed(JointMotion(toward, velocity, interval)), 0.0)
-        speed = np.abs(velocity)
         if (speed <= allowed).all():
             return 1.0
         return float((allowed / np.maximum(speed, allowed + 1e-12)).min())
