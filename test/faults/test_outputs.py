@@ -167,6 +167,25 @@ def test_a_robot_whose_node_ends_in_motion_brakes_first(monkeypatch, output):
 
 
 @pytest.mark.parametrize('output', HOLDING)
+def test_a_robot_that_has_stopped_by_itself_is_not_moved_on_by_a_stop(monkeypatch, output):
+    world, _ = moving_world(monkeypatch, 100.0, output=output)
+    last, world.frozen = world.target, True
+    world.run(0.045)
+    world.loop.commands.interrupt()
+    assert (world.target == last).all() and world.loop.commands.output.at_rest
+
+
+@pytest.mark.parametrize('output', HOLDING)
+def test_a_steady_error_of_the_drives_does_not_move_commanded_positions(monkeypatch, output):
+    world = make_world(monkeypatch, np.random.default_rng(0), output=output)
+    world.report = measured(lambda: -0.04)
+    world.controller.set_goal('reach', PANDA_READY, world.now)
+    world.run(5.0)
+    assert not world.stopped()
+    np.testing.assert_allclose(world.target, PANDA_READY, atol=2e-3)
+
+
+@pytest.mark.parametrize('output', HOLDING)
 def test_a_robot_is_not_commanded_before_its_first_motion(monkeypatch, output):
     world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', PANDA_READY, output=output)
     world.loop.hold = 'stopped'
@@ -187,7 +206,7 @@ def test_a_robot_that_is_left_to_another_node_gets_no_further_command(monkeypatc
     assert len(world.monitor.targets) == count
     assert 'commanding' not in world.loop.commands.stopped == 'nothing'
     # It is given back somewhere else.
-    world.q = world.setpoint = world.q - 0.1
+    world.q = world.setpoint = world.q - 0.015
     world.run(0.2)
     world.loop.commands.silent = False
     start(world)

@@ -31,6 +31,14 @@ def test_a_robot_that_comes_to_rest_with_a_lag_stays_stopped():
     assert subject.positions is STILL
 
 
+def test_each_motion_may_end_with_a_lag():
+    subject = stopped()
+    watch(subject, *[0.0] * 10)
+    subject.move(STILL, 11.0)
+    watch(subject, 0.3, 0.2, 0.1, began=11.0)
+    assert subject.positions is STILL
+
+
 def test_a_steady_error_of_the_drives_stays_commanded_for_ever():
     subject, random = stopped(), np.random.default_rng(0)
     watch(subject, *(np.array([0.05, -0.03]) + 1e-3 * random.standard_normal(2)
