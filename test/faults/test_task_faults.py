@@ -621,9 +621,10 @@ def test_all_that_a_task_can_override_is_covered():
                'described_keys', 'probe', 'at_positions', 'forget_cycles'}
     # Called by those above, `level` in place of `make_evaluation`; where a parameter is set, which
     # is refused whatever they raise; by the constructor; for the pages about task types; by
-    # `evaluate`; and for types of this package only.
+    # `evaluate`; for types of this package only; and by trajectories and batches of goals.
     inner = {'level', 'in_rows', 'set_gain', 'parse_tolerance', 'set_tolerance', 'check_keys',
-             'set_up', 'key_ranges', 'make_twin', 'watch', 'forget_feed_forward'}
+             'set_up', 'key_ranges', 'make_twin', 'watch', 'forget_feed_forward',
+             'move_goal', 'from_rows', 'parse_goals'}
     methods = {name for name, member in inspect.getmembers(Task)
                if not name.startswith('_') and (inspect.isfunction(member)
                                                 or inspect.ismethod(member))}
