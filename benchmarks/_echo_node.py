@@ -10,8 +10,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tp_controller.ros.loop.commands import TOPIC
 from tp_controller.ros.loop.deadlines import state_qos
+from tp_controller.ros.loop.outputs import VelocityOutput
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.ros.runner import make_executor, SPIN_SECONDS
 
@@ -22,7 +22,7 @@ def main():
     rclpy.init()
     node = Node('echo')
     answer = Float64MultiArray(data=array('d', bytes(8 * 7)))
-    publisher = node.create_publisher(Float64MultiArray, TOPIC, 10)
+    publisher = node.create_publisher(Float64MultiArray, VelocityOutput.topic, 10)
     node.create_subscription(JointState, 'joint_states', lambda _: publisher.publish(answer),
                              state_qos(0.0))
     executor = make_executor(node.context)

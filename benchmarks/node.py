@@ -34,8 +34,8 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from tp_controller.ros.loop.outputs import VelocityOutput
 from tp_controller.model.spatial import quaternion_from_rotation
-from tp_controller.ros.loop.commands import TOPIC
 from tp_controller.tools.demos.processes import NodeProcess, own_domain
 from visualization_msgs.msg import MarkerArray
 
@@ -81,7 +81,8 @@ class RobotNode(Node):
         self.q, self.velocity, self.heard = np.array(PANDA_READY), np.zeros(robot.n), None
         self._message = JointState(name=list(robot.joint_names))
         self._states = self.create_publisher(JointState, 'joint_states', 10)
-        self._commands = self.create_subscription(Float64MultiArray, TOPIC, ignore, DEPTH)
+        self._commands = self.create_subscription(
+            Float64MultiArray, VelocityOutput.topic, ignore, DEPTH)
         self.goals = self.create_publisher(PoseStamped, '/tp_controller/tool/goal', 1)
 
     def listen(self, topic):

@@ -396,8 +396,8 @@ def test_limits_of_the_base_are_parameters(harness):
     ({'base': 'rolling'}, RobotError, "unknown base 'rolling'; valid: fixed, planar"),
     ({'world_frame': 'tool'}, RobotError, "cannot be named like a link: 'tool'"),
     ({'limits__base_x__lower': -1.0}, SettingsError,
-     r'unknown parameter limits.base_x.lower; valid: .*limits.<axis>.velocity\|acceleration with '
-     'base_x, base_yaw'),
+     r'unknown parameter limits.base_x.lower; valid: .*limits.<axis>.velocity\|acceleration\|jerk '
+     'with base_x, base_yaw'),
     ({'limits__base_y__velocity': 1.0}, SettingsError, 'unknown parameter limits.base_y.velocity'),
 ])
 @pytest.mark.parametrize('node', ['controller', 'simulator'])

@@ -78,6 +78,8 @@ THIRD_PARTY = {
     'mujoco': ('mink', None),
     'pink': ('pin-pink', None),
     'placo': (None, None),
+    # What benchmarks/jerk.py compares with, where it is installed.
+    'ruckig': (None, None),
     'roboplan': ('roboplan-oink', None),
     'tsid': (None, None),
     'yaml': ('PyYAML', 'python3-yaml'),
