@@ -34,8 +34,8 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from tp_controller.ros.loop.outputs import VelocityOutput
 from tp_controller.model.spatial import quaternion_from_rotation
+from tp_controller.ros.loop.outputs import VelocityOutput
 from tp_controller.tools.demos.processes import NodeProcess, own_domain
 from visualization_msgs.msg import MarkerArray
 
