@@ -47,7 +47,6 @@ HINTS = {
     RESERVE: 'lower the setting reserve',
     BOUNDS: 'choose a goal that the bounds of {name} allow',
     SINGULARITY: 'begin at another arm posture, away from the singularity',
-    IMPOSSIBLE: 'leave out {name}: the robot cannot move along or about {it} here',
     DAMPING: 'lower the setting damping',
 }
 # {kind: limit}, of those that last.
@@ -78,11 +77,6 @@ class Proposal(NamedTuple):
     setup: Setup
     named: Sequence[str] = ()
     alternative: str = ''
-
-    @property
-    def texts(self) -> tuple[str, str]:
-        """Return the sentence in two parts, between which its cost belongs."""
-        return self.text, self.alternative
 
 
 def hint_of(evaluation: Evaluation, found: Sequence[Cause], combined: Combined,
@@ -130,13 +124,15 @@ class _Adviser:
 
     def _with_cost(self, proposal: Proposal) -> str:
         """Return the text of a proposal, and which tasks miss their goals all the same."""
-        course, tasks = self._course(proposal.setup), proposal.setup.tasks
-        if course is None:
-            return proposal.text
-        # Those that keep their goals.
-        named = [name for name in proposal.named if tasks.get(name) is self._setup.tasks[name]]
-        if len(named) < len(proposal.named):
-            return ''.join(proposal.texts)
+        costs = ', '.join(self._costs(proposal))
+        return proposal.text + f' ({costs})' * bool(costs) + proposal.alternative
+
+    def _costs(self, proposal: Proposal) -> list[str]:
+        """Return clauses about tasks that miss their goals all the same; [] where goals change."""
+        course, named, tasks = self._course(proposal.setup), proposal.named, proposal.setup.tasks
+        if course is None or any(tasks.get(name) is not self._setup.tasks[name]
+                                 for name in named):
+            return []
         worse = [name for name in named if name not in course.arrivals
                  and self._usual.gains(name, course, HELPFUL_SHARE)]
         later = [] if worse else [name for name in named if self._usual.arrives([name])
@@ -150,7 +146,7 @@ class _Adviser:
             verb = ('misses its goal' if one else 'miss their goals') if worse \
                 else 'arrives later' if one else 'arrive later'
             costs.append(f'{listed(worse or later)} {then}{verb}')
-        return (f' ({", ".join(costs)})' if costs else '').join(proposal.texts)
+        return costs
 
     def _course(self, setup: Setup) -> Course | None:
         """Return the course of the robot with a setup; see `RollOuts.course`."""
@@ -190,7 +186,7 @@ class _Adviser:
     def _for_cause(self, cause: Cause) -> Iterator[Proposal]:
         """Yield changes that a cause suggests."""
         kind, setup = cause.kind, self._setup
-        text = HINTS.get(kind, '').format(name=cause.name, s='', it='')
+        text = HINTS.get(kind, '').format(name=cause.name, s='')
         if kind in LASTING_LIMITS:
             yield from self._limits(LASTING_LIMITS[kind])
         elif kind == TASK and self._leaves_joints:
@@ -246,7 +242,9 @@ class _Adviser:
         course = self._course(first)
         if course is None:
             return
-        passed = [name for name in setup.passed(own, blocking) if name not in blocking]
+        before, after = list(setup.tasks), list(first.tasks)
+        passed = [name for name in before[:before.index(own)] if name not in blocking
+                  and after.index(name) > after.index(own) and not setup.tasks[name].bounded]
         if course.arrives((own, *blocking, *passed)):
             yield Proposal(f'put {own} above {listed(blocking)} until all are there: their '
                            'goals are compatible', first, blocking)
@@ -297,9 +295,10 @@ class _Adviser:
         shares = (its.U ** 2).sum(axis=1)
         left_out = [name for name, share in zip(names, shares) if share <= IMMOVABLE]
         if len(left_out) == task.rows - its.U.shape[1]:
-            text = HINTS[IMPOSSIBLE].format(name=listed(left_out),
-                                            it='it' if len(left_out) == 1 else 'them')
-            yield Proposal(text, self._setup.with_part(self._own, its.U))
+            them = 'it' if len(left_out) == 1 else 'them'
+            yield Proposal(
+                f'leave out {listed(left_out)}: the robot cannot move along or about {them} here',
+                self._setup.with_part(self._own, its.U))
 
     @property
     def _leaves_joints(self) -> bool:

@@ -54,19 +54,21 @@ class Course(NamedTuple):
     arrivals : dict
         {task: time at which it arrives [s]}, for those that do; beyond the roll-out where the
         error still decreases at its end.
-    errors : dict
-        {task: error at the end}, in units of its tolerance.
     q : ndarray (nq,)
         Last configuration [rad or m].
     seen : list of (float, dict)
-        Times [s] and the errors then.
+        Times [s], and {task: error} then, in units of its tolerance.
 
     """
 
     arrivals: dict[str, float]
-    errors: dict[str, float]
     q: Array
     seen: list[tuple[float, dict[str, float]]]
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Return {task: error at the end}."""
+        return self.seen[-1][1]
 
     def arrives(self, names: Iterable[str]) -> bool:
         """Return whether tasks arrive in the course of the roll-out."""
@@ -147,7 +149,7 @@ class RollOuts:
             still = still + run.period if dnrm2(last.velocity) < LEAST_SPEED else 0.0
             q = setup.robot.integrate(q, last.velocity, run.period)
             time += run.period
-        return Course(looks.arrivals(still >= REST_SECONDS), looks.errors, q, looks.seen)
+        return Course(looks.arrivals(still >= REST_SECONDS), q, looks.seen)
 
     def _memory(self, setup: Setup, options: CycleOptions) -> CycleMemory:
         """Return the memory of the cycle, for other levels and options, at rest elsewhere."""
@@ -162,7 +164,6 @@ class _Looks:
     """Errors of the tasks in the course of a roll-out."""
 
     def __init__(self) -> None:
-        self.errors: dict[str, float] = {}
         self.reached = False
         self.seen: list[tuple[float, dict[str, float]]] = []
         self._since: dict[str, float] = {}
@@ -173,11 +174,11 @@ class _Looks:
             return
         before, earlier = self.seen[-1] if self.seen else (time, {})
         measured = MeasuredCycle(solved).by_name()
-        self.errors = {name: _size(each) for name, each in measured.items()}
+        errors = {name: _size(each) for name, each in measured.items()}
         self._since = {name: self._since.get(name) or _time_of_arrival(
-            before, earlier.get(name, 1.0), time, self.errors[name])
+            before, earlier.get(name, 1.0), time, errors[name])
             for name, each in measured.items() if each.reached}
-        self.seen.append((time, self.errors))
+        self.seen.append((time, errors))
         self.reached = len(self._since) == len(measured)
 
     def arrivals(self, at_rest: bool) -> dict[str, float]:

@@ -77,14 +77,6 @@ class Setup(NamedTuple):
         left = self.without(own).groups
         return self._replace(groups=(*left[:first], (self.tasks[own],), *left[first:]))
 
-    def passed(self, own: str, names: Iterable[str]) -> list[str]:
-        """Return the tasks with a demand that a task above others is above, too, but was not."""
-        tasks = list(self.above(own, names).tasks)
-        before = list(self.tasks)
-        after = tasks[tasks.index(own) + 1:]
-        return [name for name in before[:before.index(own)]
-                if name in after and not self.tasks[name].bounded]
-
     def without(self, name: str) -> 'Setup':
         """Return the setup without a task."""
         groups = [tuple([task for task in group if task.name != name]) for group in self.groups]
