@@ -15,6 +15,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node, SetRemap
 from tp_controller.resources import find_file
+from tp_controller.ros.declarations.controller import OUTPUTS
 
 # Name of the node of Servo, below which programs look for its topics.
 SERVO = 'servo_node'
@@ -56,8 +57,12 @@ def generate_launch_description() -> LaunchDescription:
             'namespace', default_value='',
             description='namespace of the nodes and their topics'),
         DeclareLaunchArgument(
+            'output', default_value='', choices=['', *OUTPUTS],
+            description='commands for the joints: velocity, position or trajectory; empty: as '
+                        'the parameter file says, else velocity'),
+        DeclareLaunchArgument(
             'commands', default_value='',
-            description='topic of the joint velocities; empty: velocity_controller/commands'),
+            description='topic of the commands for the joints; empty: that of the output'),
         DeclareLaunchArgument(
             'use_sim_time', default_value='false', choices=['true', 'false'],
             description='take the time from /clock'),
@@ -71,7 +76,8 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Return the controller, and the translator of twists where they are the commands."""
     given = {name: LaunchConfiguration(name).perform(context) for name in (
-        'robot', 'stack', 'params_file', 'namespace', 'commands', 'use_sim_time', 'rviz')}
+        'robot', 'stack', 'params_file', 'namespace', 'output', 'commands', 'use_sim_time',
+        'rviz')}
     twists = LaunchConfiguration('command_type').perform(context) == 'twist'
     if not (given['stack'] or given['params_file']):
         given['stack'] = STACK.format(**{name: LaunchConfiguration(name).perform(context)
@@ -86,13 +92,12 @@ def _nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 
 def _translator(context: LaunchContext, namespace: str) -> Node:
     """Return the node that turns the twists of Servo into those of the task."""
-    file = SETTINGS
     linear, rotational = (float(LaunchConfiguration(name).perform(context))
                           for name in ('scale_linear', 'scale_rotational'))
     unitless = LaunchConfiguration('command_in_type').perform(context) == 'unitless'
     return Node(
         package='tp_controller', executable='teleop_node', name=SERVO, namespace=namespace,
-        parameters=[str(find_file(file)), {
+        parameters=[str(find_file(SETTINGS)), {
             'controller': f'{namespace}/tp_controller', 'unitless': unitless,
             'linear_scale': linear, 'angular_scale': rotational}],
         output='screen')
