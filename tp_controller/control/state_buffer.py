@@ -39,6 +39,8 @@ class StateBuffer:
         # A cycle that needed no state, and the velocity before it.
         self._pending: tuple[SolvedCycle, Array] | None = None
         self._next, self._other, self.spare = [robot.state(robot.neutral()) for _ in range(3)]
+        for state in (self._next, self._other, self.spare):
+            state.prepare()
         self.passive: Array | None = None
 
     def update(self, q: ArrayLike, passive: ArrayLike | None, velocity: Array) -> RobotState:

@@ -183,8 +183,8 @@ bool read_goals(PyObject *object, const std::vector<Group> &groups, std::vector<
 // find_each(goals, starts, others, needed, seconds, q, costs, numbers): search for each row of the
 // goals of tasks: descend from its start, then from `others` (O, nq) until there are as many
 // configurations as `q` (count, wanted · nq) has place for; fill in these, the costs of their levels
-// (count, wanted · L), and their number and that of the descents (count, 2); false where the
-// reference is needed. `starts` (1 or count, nq); `seconds` for each.
+// (count, wanted · L), and their number and that of the descents (count, 2), which are 0 where the
+// reference is needed; false where it is for all. `starts` (1 or count, nq); `seconds` for each.
 PyObject *search_find_each(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 8 || !PyTuple_Check(given[0]))
     return refuse("find_each(goals, starts, others, needed, seconds, q, costs, numbers)");
@@ -216,11 +216,15 @@ PyObject *search_find_each(PyObject *self, PyObject *const *given, Py_ssize_t co
     for (size_t i = 0; i < rows; ++i) {
       for (const GoalRows &each : goals)
         need(each.task->set_goal(each.numbers.data() + i * each.size, each.size));
-      search.find(starts.data() + (starts.size() == nq ? 0 : i * nq), others, size_t(needed),
-                  wanted, after(seconds));
-      answer(search, q.p() + i * wanted * nq, costs.p() + i * wanted * levels);
-      numbers.p()[2 * i] = double(search.count);
-      numbers.p()[2 * i + 1] = double(search.descents);
+      double *const its_numbers = numbers.p() + 2 * i;
+      try {
+        search.find(starts.data() + (starts.size() == nq ? 0 : i * nq), others, size_t(needed),
+                    wanted, after(seconds));
+        answer(search, q.p() + i * wanted * nq, costs.p() + i * wanted * levels);
+        its_numbers[0] = double(search.count), its_numbers[1] = double(search.descents);
+      } catch (const Unsolved &) {
+        its_numbers[0] = its_numbers[1] = 0.0;
+      }
     }
   } catch (const Unsolved &) {
     PyErr_Clear();

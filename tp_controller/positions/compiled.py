@@ -69,12 +69,12 @@ class CompiledSearch(Protocol):
         q, costs : ndarray (count, wanted · nq), (count, wanted · levels)
             Filled in, as far as there are configurations.
         numbers : ndarray (count, 2)
-            Numbers of configurations and of descents, filled in.
+            Numbers of configurations and of descents, filled in; 0 where the reference is needed.
 
         Returns
         -------
         bool
-            False if the reference is needed.
+            False if the reference is needed for all.
 
         """
 
@@ -140,6 +140,8 @@ class Searches:
                   wanted: int, seconds: float) -> list[list[Attempts]] | None:
         """
         Return the outcome of `search` for each of many goals; None without a core.
+
+        It is empty where the core has none, and `find` is needed.
 
         Parameters
         ----------

@@ -130,12 +130,12 @@ class PositionSolver:
 
     def solve_together(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
                        options: SearchOptions, passive: ArrayLike | None = None
-                       ) -> list[PositionSolution] | None:
+                       ) -> list[PositionSolution | None]:
         """
         Return the results of `solve` for many goals with the criterion ``nearest``.
 
-        All are found in one call of the core, which other threads need not wait for. Where the
-        core cannot do that, None is returned.
+        All are found in one call of the core, which other threads need not wait for. They are
+        None where the core cannot do that.
 
         Parameters
         ----------
@@ -154,18 +154,19 @@ class PositionSolver:
 
     def _solve_together(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
                         options: SearchOptions, passive: ArrayLike | None
-                        ) -> list[PositionSolution] | None:
+                        ) -> list[PositionSolution | None]:
         """Return the results of `solve` for many goals, or None; see `solve_together`."""
+        none: list[PositionSolution | None] = [None] * len(next(iter(goals.values())))
         each_its_own = starts is not None and starts.ndim == 2
         begin = self._begin({name: given[0] for name, given in goals.items()},
                             starts[0] if starts is not None and each_its_own else starts, passive)
         if each_its_own and (self._named != self._tasks.stack.tasks.keys() or self._robot.moves):
             # Other tasks keep their values at the start, and random postures are around it.
-            return None
+            return none
         parsed = {name: accept(task := self._tasks.stack.tasks[name], task.parse_goals, given)
                   for name, given in goals.items()}
         if not all(isinstance(goal, np.ndarray) for given in parsed.values() for goal in given):
-            return None
+            return none
         begins = begin[np.newaxis]
         if starts is not None and each_its_own:
             begins = np.array([self._tasks.within_limits(each) for each in starts])
@@ -173,12 +174,12 @@ class PositionSolver:
             {name: np.array(given) for name, given in parsed.items()}, begins,
             self._random_postures(begin, options), self._needed, NEAREST_OF, options.timeout)
         if found is None:
-            return None
+            return none
         end = time.perf_counter() + options.timeout
         return [self._solution(self._chosen(each, begins[index % len(begins)], options.criterion,
                                             end),
                                {name: given[index] for name, given in parsed.items()})
-                for index, each in enumerate(found)]
+                if each else None for index, each in enumerate(found)]
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise `GoalError` unless all are names of tasks with a position."""

@@ -99,14 +99,14 @@ def _solve(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], starts: 
         return starts if starts is None or starts.ndim < 2 else starts[index]
 
     checked = options_of({name: value for name, value in options.items() if name != 'passive'})
+    found: list[PositionSolution | None] = [None] * len(chunk)
     if checked.criterion == 'nearest':
         with suppress(GoalError):
             found = solver.solve_together(
                 {name: given[first:chunk.stop] for name, given in goals.items()},
                 started(slice(first, chunk.stop)), checked, options.get('passive'))
-            if found is not None:
-                return found
-    return [_solve_row(solver, goals, started(index), index, options) for index in chunk]
+    return [each or _solve_row(solver, goals, started(index), index, options)
+            for index, each in zip(chunk, found)]
 
 
 def _solve_row(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], start: Array | None,

@@ -16,7 +16,9 @@ from tp_controller import (
     solve_positions,
     Stack,
 )
+from tp_controller.positions.compiled import Searches
 from tp_controller.positions.random_postures import random_postures
+from tp_controller.solver.compiled import running
 
 TOOL = robots.PANDA_TOOL
 TEXT = f'- tool: {{type: pose, frame: {TOOL}}}\n- posture: {{type: posture}}\n'
@@ -46,6 +48,30 @@ def test_answers_are_those_of_single_calls(jobs, each):
     assert [index for index, one in enumerate(found) if not one.reached] == [7]
     assert 'out of reach' in found[7].tasks[0].reason
     assert found[8].tasks[0].reached
+
+
+def test_goals_left_to_the_reference_are_solved_one_by_one(monkeypatch):
+    robot = robots.panda()
+    stack = Stack.from_yaml(TEXT, robot)
+    goals = [robot.state(q).pose(TOOL) for q in random_postures(
+        robot, robot.neutral(), np.random.default_rng(1), 12)]
+    expected = solve_positions(robot, stack, {'tool': goals}, jobs=1, **PATIENT)
+    together, single, alone = Searches.find_each, PositionSolver.solve, []
+
+    def find_each(self, *arguments):
+        # Three goals a call.
+        found = together(self, *arguments)
+        return found and [*found[:2], []]
+
+    def solve(self, its_goals, *arguments, **options):
+        alone.append(its_goals['tool'])
+        return single(self, its_goals, *arguments, **options)
+
+    monkeypatch.setattr(Searches, 'find_each', find_each)
+    monkeypatch.setattr(PositionSolver, 'solve', solve)
+    found = solve_positions(robot, stack, {'tool': goals}, jobs=1, **PATIENT)
+    np.testing.assert_array_equal([one.q for one in found], [one.q for one in expected])
+    np.testing.assert_array_equal(alone, goals[2::3] if running() == 'compiled' else goals)
 
 
 def test_goals_may_be_any_sequence_or_none():
