@@ -152,6 +152,7 @@ from tp_controller.tools.cli import view
 view._file = lambda demo, ending: Path({str(folder)!r}) / f'demo{{ending}}.yaml'
 sys.exit(main.main(['view']))
 """
+    # Its logs are in a temporary directory.
     done = subprocess.run([sys.executable, '-c', patched], env={
         **environment, 'TMPDIR': str(tmp_path)}, capture_output=True, text=True, check=False)
     assert done.returncode == 1

@@ -5,17 +5,17 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
-import fcntl
+import errno
 import os
 from pathlib import Path
 import shutil
 import signal
+import socket
 import subprocess
 import sys
-from typing import BinaryIO
 
 from tp_controller.errors import TpControllerError
-from tp_controller.tools.files import new_file, open_lock, private_folder
+from tp_controller.tools.files import new_file
 
 # Ids that are safe on every platform (ROS 2 documentation, "The ROS_DOMAIN_ID"), in descending
 # order: users number their robots from 0 up.
@@ -23,42 +23,54 @@ DOMAINS = range(101, 49, -1)
 # {name of an executable: its subpackage}
 NODES = {'controller_node': 'ros', 'simulator_node': 'ros', 'watchdog_node': 'ros',
          'viewer_node': 'tools.view', 'teleop_node': 'tools.teleop'}
-# Descriptor of the lock of each domain that this process has reserved, by id.
-_LOCKS: dict[str, int] = {}
+# Descriptor of the socket that reserves each domain of this process, by id.
+_MARKS: dict[str, int] = {}
 
 
 @contextmanager
 def own_domain() -> Iterator[dict[str, str]]:
     """
-    Reserve a ROS domain on this machine, exclusive among the users of this function.
+    Reserve a ROS domain, exclusive among all who call this function on the same network stack.
 
     Yields
     ------
     dict
         Environment of nodes that communicate only with each other.
 
+    Raises
+    ------
+    TpControllerError
+        All domains are reserved.
+
     """
-    domain, lock = _free_domain()
-    with lock:
-        _LOCKS[domain] = lock.fileno()
+    domain, mark = _free_domain()
+    with mark:
+        _MARKS[domain] = mark.fileno()
         try:
             yield {**os.environ, 'ROS_DOMAIN_ID': domain,
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         finally:
-            del _LOCKS[domain]
+            del _MARKS[domain]
 
 
-def _free_domain() -> tuple[str, BinaryIO]:
-    """Return the id of an unlocked domain, and its lock file, locked."""
-    with private_folder(f'tp_controller_domains_{os.getuid()}') as folder:
-        for domain in map(str, DOMAINS):
-            lock = open_lock(domain, folder)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                lock.close()
-                continue
-            return domain, lock
+def _free_domain() -> tuple[str, socket.socket]:
+    """
+    Return the id of a domain that nobody has reserved, and the socket that reserves it.
+
+    Names of abstract sockets (unix(7)) are unique in a network namespace, as domains are, for all
+    users, and end with the last process that holds the socket.
+    """
+    for domain in map(str, DOMAINS):
+        mark = socket.socket(socket.AF_UNIX)
+        try:
+            mark.bind(f'\0tp_controller/domain_{domain}')
+        except OSError as error:
+            mark.close()
+            if error.errno != errno.EADDRINUSE:
+                raise TpControllerError(f'no ROS domain can be reserved: {error.strerror}') \
+                    from error
+        else:
+            return domain, mark
     raise TpControllerError('no free ROS domain: other demos or tests use all of '
                             f'{DOMAINS[0]} to {DOMAINS[-1]}')
 
@@ -126,14 +138,14 @@ class NodeProcess:
             raise ValueError(f'{executable!r} is not one of {", ".join(sorted(NODES))}')
         self.name, self.log = executable, Path(log)
         # A node that outlives this process keeps its domain reserved.
-        lock = _LOCKS.get(environment.get('ROS_DOMAIN_ID', ''))
+        mark = _MARKS.get(environment.get('ROS_DOMAIN_ID', ''))
         with new_file(self.log) as output:
             self.process = subprocess.Popen(
                 [*_end_with_this_process(), sys.executable, '-m',
                  f'tp_controller.{NODES[executable]}.{executable}',
                  '--ros-args',
                  *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=output,
-                stderr=subprocess.STDOUT, pass_fds=() if lock is None else (lock,))
+                stderr=subprocess.STDOUT, pass_fds=() if mark is None else (mark,))
 
     def __enter__(self) -> 'NodeProcess':
         """Return the running process."""
