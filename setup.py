@@ -94,7 +94,7 @@ def shims():
 
 setup(
     name=package_name,
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test*']),
     package_data={package_name: ['py.typed']},
     ext_modules=extensions,
