@@ -195,7 +195,8 @@ def test_a_process_that_was_stopped_begins_from_rest(limited, listener, heads, r
         found = since(listener, begin)
         return found[1:] if found and found[0][1].any() else found
 
-    listener.wait(lambda: any(velocity.any() for _, velocity in sent()), 'motion', [controller])
+    listener.wait(lambda: any(velocity.any() for _, velocity in sent()), 'motion',
+                  [controller, simulator])
     resumed = sent()
     first = next(index for index, (_, velocity) in enumerate(resumed) if velocity.any())
     # Until everything has been in order for a while, and then slowly.
