@@ -118,7 +118,7 @@ class JointLimit(ABC):
 
 
 class VelocityLimit(JointLimit):
-    """Limit of the absolute velocity."""
+    """Limit of the absolute velocity (lecture 4)."""
 
     name, key = 'velocity limit', 'velocity'
     sentence = '{} at its velocity limit'

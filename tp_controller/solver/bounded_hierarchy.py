@@ -16,6 +16,9 @@ if that is feasible. Otherwise one quadratic program returns the nearest feasibl
 The remaining null space is Z ← Z V_null. The first level begins at rest, so that bounds that
 exclude zero change its step no more than necessary. A level with bounds moves x to satisfy them;
 its rows constrain all levels below. No level depends on those below it.
+
+Sources: lecture 2.1, 2.2, 3.1, 4; lab exercise 2 [8]; wiki [8]–[15], [20]–[28]; slides (7)–(10);
+notes [4], [6], [8]–[11].
 """
 
 import numpy as np

@@ -24,6 +24,8 @@ residual w, and the multipliers μ of levels above and ν of rows with bounds, o
 
 If every demand is met, h is zero and the recursion exact. Only lasting multipliers make a robot
 oscillate: h is low-pass filtered with the time constant `MEMORY`, from cycle to cycle.
+
+Sources: lecture 2.2, 4; lab exercise 2; wiki, Pseudoinverse Calculation and Singularity Damping.
 """
 
 from dataclasses import dataclass

@@ -9,6 +9,8 @@ returns the minimum-norm velocity: ζ = Jᵀ (J Jᵀ)⁻¹ v, one Cholesky facto
 singular value decomposition per level; with weights ζ = W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ v. A closing level
 that demands a velocity of every joint, J = I, is met as closely as the others allow by starting
 from its demand: ζ = v_I + Jᵀ (J Jᵀ)⁻¹ (v − J v_I).
+
+Sources: lecture 2.2, 4.
 """
 
 from collections.abc import Sequence

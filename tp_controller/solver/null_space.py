@@ -12,6 +12,10 @@ Here P = Z Zᵀ, where the orthonormal columns of Z span the null space. That is
 in fewer coordinates, without accumulation of rounding errors::
 
     J_i Z = U diag(s) Vᵀ,    ζ ← ζ + Z V diag(s)⁻¹ Uᵀ (v_i − J_i ζ),    Z ← Z V_null
+
+Sources: lecture 1.1, 1.2, 2.1, 2.2; lab exercise 1 [1], exercise 2 [7];
+wiki [2]–[7], [16]–[19], [29], [30]; slides (2), (6), (13), (34); notes [1]–[3], [5], [7],
+Properties.
 """
 
 import math

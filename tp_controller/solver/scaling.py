@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Uniform velocity scaling: one factor for all joints (lecture 4)."""
+"""Uniform velocity scaling: one factor for all joints (lecture 4; lab exercise 2 [9])."""
 
 import numpy as np
 from tp_controller.solver.level import Array, NEGLIGIBLE

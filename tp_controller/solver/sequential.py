@@ -26,7 +26,7 @@ def sequential(levels: list[Level], n: int) -> Array:
 
     References
     ----------
-    slides (16)–(21), (50), (51).
+    slides (11)–(51).
 
     """
     zeta, P = np.zeros(n), np.eye(n)

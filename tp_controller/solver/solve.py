@@ -100,7 +100,7 @@ def solve(levels: Iterable[Any], lower: Any = None, upper: Any = None, weights: 
 
     References
     ----------
-    lecture 2.2 (recursion), 4 (scaling, weights); notes (incremental form).
+    lecture 2.2, 4; lab, Questions.
 
     """
     checked = check_levels(levels)

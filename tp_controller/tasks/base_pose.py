@@ -47,7 +47,7 @@ class BasePose(BaseTask, Pose):
 
 class BaseOrientation(BaseTask, Orientation):
     """
-    Turn the base to an orientation in the world (lecture 3.1, base orientation).
+    Turn the base to an orientation in the world (lecture 3.1).
 
     The goal is a quaternion ``xyzw`` (4,) or a rotation matrix (3, 3), in the world frame.
     """

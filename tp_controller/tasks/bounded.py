@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Inequality tasks: bounds on values, enforced as bounds on their velocities."""
+"""Inequality tasks (lecture 3.1): bounds on values, enforced as bounds on their velocities."""
 
 from abc import abstractmethod
 from collections.abc import Hashable, Sequence

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The centre of mass of the whole robot (lecture 3.1, equality tasks)."""
+"""The centre of mass of the whole robot."""
 
 from collections.abc import Sequence
 

@@ -35,7 +35,7 @@ MOST_PAIRS = 15_000
 
 class CollisionTask(BoundedTask):
     """
-    Base class of tasks that keep pairs of solid shapes a distance apart.
+    Base class of tasks that keep pairs of solid shapes a distance apart (lecture 3.1).
 
     Each pair of shapes nearer than `within` gives one row: the distance d between the nearest
     points p_a and p_b, negative if they overlap, with the velocity ``nᵀ (v_a − v_b)`` along the

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Field of view of a camera (lecture 3.1, inequality tasks)."""
+"""Field of view of a camera (lecture 3.1)."""
 
 import math
 

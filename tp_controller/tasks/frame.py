@@ -204,7 +204,11 @@ class FrameTask(MovingGoalTask):
         return np.where(self.counts[:3], place, self.position(state))
 
     def jacobian(self, state: RobotState) -> Array:
-        """Return J (rows, n) of the twist of the frame relative to the reference frame."""
+        """
+        Return J (rows, n) of the twist of the frame relative to the reference frame.
+
+        Its selected rows are those of lecture 3.2, 3.3 and lab exercise 2 [5].
+        """
         return self._motion.jacobian(state)[self._twist_rows]
 
     def twin_with_goal(self) -> Twin | None:

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tasks about joint positions and velocities (lecture 3.5)."""
+"""Tasks about joint positions and velocities (lecture 3.5; lab exercise 2 [4], [6])."""
 
 from collections.abc import Sequence
 import math
@@ -265,7 +265,7 @@ class Posture(Joint):
 
 class JointVelocity(VelocityTask, JointTask):
     """
-    Move joints with desired velocities, as y(t) in the null space (lecture 1.2, lab exercise 1).
+    Move joints with desired velocities, as y in the null space (lecture 1.2; lab exercise 1 [2]).
 
     The goal is one velocity for each joint, or some by name [rad/s or m/s]. After a timeout the
     demand is zero.

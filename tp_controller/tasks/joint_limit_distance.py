@@ -24,7 +24,7 @@ class JointLimitDistance(GradientTask):
 
     x is the position of a joint in its range, −1 at the lower limit and 1 at the upper one: h is
     the sum of (upper − lower)² / (4 (upper − q) (q − lower)) of the weighted gradient projection
-    method (wiki, joint limit avoidance), with the sign reversed. Joints without limits do not
+    method (wiki, Joint Limit Avoidance), with the sign reversed. Joints without limits do not
     contribute. The demand K ∂h/∂q of a joint at the distance d from the middle is reduced smoothly
     to at most ``MAX_RATE`` d.
     """

@@ -18,7 +18,7 @@ DEFAULT_MARGIN = 0.05
 
 class JointLimits(JointTask, BoundedTask):
     """
-    Keep joints a margin away from their position limits (lecture 3.1, inequality tasks).
+    Keep joints a margin away from their position limits (lecture 3.1).
 
     The position limits themselves are enforced with every stack. This task adds a margin,
     which the tasks above it may violate.

@@ -31,7 +31,7 @@ class Mobility:
 
     References
     ----------
-    wiki (measures of manipulability, gradient estimation)
+    wiki, Measures of Manipulability; wiki, Manipulability Gradient Estimation.
 
     """
 
@@ -94,7 +94,7 @@ class Manipulability(MobilityTask, GradientTask):
 
 class ManipulabilityAbove(MobilityTask, BoundedTask):
     """
-    Keep the manipulability of a frame above a minimum: it does not enter singularities.
+    Keep the manipulability of a frame above a minimum: no singularities (lecture 3.1).
 
     The only row is w / minimum, with the lower bound 1.
     """

@@ -125,7 +125,7 @@ class Pointing(AxisTask):
     """
     Point an axis of a frame in a direction, or at a point; the turn about it stays free.
 
-    With `position` it forms the task of welding and drilling, with five rows (wiki, 5-DoF tasks).
+    With `position` it has the five rows of welding and drilling (wiki, What defines a Task?).
 
     The goal is a direction (3,) of any length, or a point (3,) [m], in the reference frame.
     """
@@ -142,7 +142,7 @@ class Pointing(AxisTask):
 
 class LookAt(AxisTask):
     """
-    Point the axis of a camera at a point or at another frame, upright if desired.
+    Point the axis of a camera at a point or at another frame, upright if desired (lecture 3.1).
 
     The first two rows are those of `pointing`. With `up` a third row turns the camera about its
     axis until the axis `up` points along z of the root, as far as the direction allows. The weight

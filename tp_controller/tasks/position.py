@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""End-effector position task (lecture 3.2)."""
+"""End-effector position task (lecture 3.2; lab exercise 2 [3])."""
 
 from numpy.typing import ArrayLike
 from tp_controller.model.spatial import Array, pose

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Regions that frames stay inside or outside of (lecture 3.1, inequality tasks)."""
+"""Regions that frames stay inside or outside of (lecture 3.1)."""
 
 from abc import abstractmethod
 from collections.abc import Sequence

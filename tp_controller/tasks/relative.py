@@ -17,7 +17,7 @@ def moving_reference_key() -> str:
 
 class RelativePosition(Position):
     """
-    Keep the origin of a frame at a point of another frame (slides (1)-(5), relative motion).
+    Keep the origin of a frame at a point of another frame (slides (1)).
 
     The goal is a point (3,) in the reference frame [m]. Both frames move.
     """

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Speed limit of a frame (slides (1)-(5): velocities of a link)."""
+"""Speed limit of a frame (slides (1), (3))."""
 
 import numpy as np
 from tp_controller.model.spatial import Array

@@ -27,7 +27,7 @@ MOST_SHOWN_CHARACTERS = 100
 
 class Stack:
     """
-    Prioritized tasks.
+    Prioritized tasks (lecture 2.1), of which some may share a level (slides (4), (5)).
 
     Parameters
     ----------

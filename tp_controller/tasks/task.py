@@ -57,8 +57,8 @@ class Task(TwinHolder):
     Base class of the tasks of a stack: a value σ(q) with a goal, or a desired velocity.
 
     Conventions, for all tasks: ``error = desired − actual``, ``J = ∂σ/∂q``, and the desired
-    velocity is ``v = v_feed_forward + K error`` with the gain K in 1/s (lecture 1.1), so that an
-    error that the robot can follow decays as exp(−K t).
+    velocity is ``v = v_feed_forward + K error`` with the gain K in 1/s (lecture 1.1; wiki [1]), so
+    that an error that the robot can follow decays as exp(−K t).
 
     A subclass sets `type_name`, which registers it, declares its keys with ``yaml_key``, and
     implements `value`, `error`, `jacobian` and `parse_goal`. A type whose error and Jacobian share

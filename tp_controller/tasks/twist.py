@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Desired velocity of a frame (slides (1)-(5): linear and angular velocity of a link)."""
+"""Desired velocity of a frame (slides (1), (3))."""
 
 from tp_controller.tasks.frame import FrameTask
 from tp_controller.tasks.velocity import VelocityTask
@@ -9,7 +9,7 @@ from tp_controller.tasks.velocity import VelocityTask
 
 class Twist(VelocityTask, FrameTask):
     """
-    Move a frame with a desired velocity, linear and angular (slides (1)-(5)).
+    Move a frame with a desired velocity, linear and angular (slides (1), (3)).
 
     The goal is a twist (6,), linear then angular [m/s, rad/s], in the axes of the reference
     frame. After a timeout the demand is zero.

@@ -56,3 +56,10 @@ def test_both_forms_agree_where_the_tasks_are_orthogonal():
     levels = [(Q[:2], rng.standard_normal(2)), (Q[2:4], rng.standard_normal(2)),
               (Q[4:5], rng.standard_normal(1))]
     np.testing.assert_allclose(successive(levels, 6), solve(levels).velocity, **EXACT)
+
+
+@pytest.mark.parametrize('J2, change', [([0.0, 1.0, 0.0], 0.0), ([1.0, 1.0, 0.0], 0.5)])
+def test_third_task_disturbs_the_second_unless_the_projectors_commute(J2, change):
+    # Worked out by hand: for the second J2, P2 = P1 (I − J2⁺ J2) has the rows 0, [−0.5 0.5 0], z.
+    levels = [([[1.0, 0.0, 0.0]], [0.0]), ([J2], [0.0]), ([[0.0, 1.0, 1.0]], [2.0])]
+    assert J2 @ successive(levels, 3) == pytest.approx(change)
