@@ -73,7 +73,7 @@ class Scene:
 
     def __init__(self, kind, number):
         self.kind, self.name = kind, f'{kind}, run {number}'
-        self.random = np.random.default_rng((sorted(BOUNDS).index(kind), number))
+        self.random = np.random.default_rng((list(BOUNDS).index(kind), number))
         robot_name = list(ROBOTS)[number % len(ROBOTS)]
         self.robot = _robot(robot_name)
         self.tool, self.camera, self.links = ROBOTS[robot_name]
@@ -150,6 +150,23 @@ def _field_of_view(scene):
 """
 
 
+def _tilt(scene):
+    """Keep an axis of the tool near its direction at the start."""
+    x, y, z = scene.state.rotation(scene.tool)[:, 2] + 0.2 * scene.random.normal(size=3)
+    return (f'- guard: {{type: tilt, frame: {scene.tool}, direction: [{x}, {y}, {z}], '
+            f'within: {scene.random.uniform(0.1, 0.7)}}}')
+
+
+def _distance(scene):
+    """Keep the distance from a point near that at the start, which may be too small."""
+    point = scene.near(scene.tool, 0.1, 0.5)
+    x, y, z = point
+    least, most = np.linalg.norm(point - scene.state.position(scene.tool)) \
+        * scene.random.uniform((0.3, 1.2), (1.1, 2.5))
+    return (f'- guard: {{type: distance, frame: {scene.tool}, at: [{x}, {y}, {z}], '
+            f'minimum: {least}, maximum: {most}}}')
+
+
 def _manipulability_above(scene):
     """Keep most of the manipulability there is at the start."""
     J = scene.state.jacobian(scene.tool)
@@ -197,10 +214,12 @@ def _shapes(scene):
     return f'links: [{", ".join(scene.links)}]'
 
 
+# The place of a type seeds its runs: new ones come last.
 BOUNDS = {
-    'joint_limits': _joint_limits, 'keep_in': _keep_in, 'keep_out': _keep_out,
-    'field_of_view': _field_of_view, 'manipulability_above': _manipulability_above,
-    'speed_limit': _speed_limit, 'self_collision': _self_collision, 'obstacles': _obstacles,
+    'field_of_view': _field_of_view, 'joint_limits': _joint_limits, 'keep_in': _keep_in,
+    'keep_out': _keep_out, 'manipulability_above': _manipulability_above,
+    'obstacles': _obstacles, 'self_collision': _self_collision, 'speed_limit': _speed_limit,
+    'tilt': _tilt, 'distance': _distance,
 }
 
 

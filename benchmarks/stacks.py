@@ -40,6 +40,9 @@ BOUNDS = {
                  'shape: {cylinder: [0.08, 1.2]}, at: [0.45, 0.35, 0.6]}', [0.45, 0.35, 0.6]),
     'field_of_view': ('- guard: {type: field_of_view, frame: panda_link7, half_angle: 0.4, '
                       'target: [0.5, 0.15, 0.0]}', [0.4, -0.4, 0.5]),
+    'tilt': (f'- guard: {{type: tilt, frame: {TOOL}, axis: -z, within: 0.1}}', [0.75, 0.2, 0.3]),
+    'distance': (f'- guard: {{type: distance, frame: {TOOL}, reference: panda_link1, '
+                 'maximum: 0.5}', [0.45, 0.35, 0.6]),
     'manipulability_above': (f'- guard: {{type: manipulability_above, frame: {TOOL}, '
                              'minimum: 0.075}', [0.8, 0.3, 0.5]),
     'speed_limit': (f'- guard: {{type: speed_limit, frame: {TOOL}, linear: 0.02}}',

@@ -483,8 +483,8 @@ def nearest(run):
 
 
 def angle(run):
-    """Return the angle of a camera's task (T,) [deg]."""
-    return np.degrees(value(run))
+    """Return the angle of an axis that stays in a cone (T,) [deg]."""
+    return np.degrees(run.of_states(run.task.angle))
 
 
 def turn_about_z(run):
@@ -609,6 +609,27 @@ def cones(canvas, run, without):
         cone = np.vstack((np.zeros(3), rim * [1.0, 1.0, 0.0] + [0.0, 0.0, depth]))
         canvas.body(moved(cone, state.pose(task.frame)), colour)
     canvas.dots(task.goal, '*', TARGET_COLOUR, markersize=13, label='target')
+
+
+def cup(canvas, run, without):
+    """Draw the cone that an axis stays in, and the axis at the end, with and without the task."""
+    task = run.task
+    rim = np.tan(task.half_angle) * corners(Cylinder(1.0, 1.0)) * [1.0, 1.0, 0.0]
+    place = run.states[-1].position(task.frame)
+    canvas.body(np.vstack((np.zeros(3), 0.25 * (rim + task.goal))) + place, END_COLOUR)
+    for each, colour in ((without, WITHOUT_COLOUR), (run, TARGET_COLOUR)):
+        state = each.states[-1]
+        canvas.arrow(state.position(task.frame),
+                     0.2 * state.rotation(task.frame) @ task.axis, colour)
+
+
+def spheres(canvas, run, without):
+    """Draw the bounds of a distance at the end."""
+    task, state = run.task, run.states[-1]
+    place = state.position(task.reference)
+    for radius, style in ((task.lower, {}), (task.upper, {'opacity': 0.0, 'linestyle': '--'})):
+        canvas.body(place + corners(Sphere(radius)), drawing.LIMIT_COLOUR, linewidth=1.3, **style)
+    canvas.line([place, state.position(task.frame)], TARGET_COLOUR, linewidth=1.2, linestyle=':')
 
 
 def bar(canvas, run, without):
@@ -774,6 +795,23 @@ SCENES = {
         goals=((0.0, 'tool', [0.7, 0.0, 0.6]),), frames=(TOOL,), draw=cones, compare=True,
         plots=(Plot('angle of the target from the axis [°]', angle, upper=np.degrees(0.4)),
                error('tool'))),
+    'tilt': Scene(
+        'panda', READY, f"""
+- upright: {{type: tilt, frame: {TOOL}, axis: -z, within: 0.15}}
+- tool: {{type: position, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', [0.7, 0.0, 0.3]),), frames=(TOOL,), draw=cup, compare=True,
+        plots=(Plot('angle between the cup and the vertical [°]', angle, upper=np.degrees(0.15)),
+               error('tool'))),
+    'distance': Scene(
+        'baxter', ARMS_READY, f"""
+- span: {{type: distance, frame: {LEFT}, reference: {RIGHT}, minimum: 0.3, maximum: 0.5}}
+- carry: {{type: position, frame: {LEFT}, gain: 1.0}}
+- posture: {{type: posture, gain: 0.5}}
+""",
+        goals=((0.0, 'carry', [0.65, 0.5, 0.25]), (5.0, 'carry', [0.65, -0.2, 0.25])),
+        seconds=10.0, frames=(LEFT, RIGHT), view=ABOVE, draw=spheres, compare=True,
+        plots=(Plot('distance of the hands [m]', value, lower=0.3, upper=0.5), error('carry'))),
     'manipulability_above': Scene(
         'panda', READY, f"""
 - mobile: {{type: manipulability_above, frame: {TOOL}, minimum: 0.05}}

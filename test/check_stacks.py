@@ -356,6 +356,10 @@ SOUND = [
     sound('two arms', 'view: {type: field_of_view, frame: camera, axis: x, half_angle: 0.4, '
           'target: left_hand}', LIMITS, 'left: {type: position, frame: left_hand, gain: 2.0}',
           POSTURE),
+    sound('panda', 'upright: {type: tilt, frame: ⟨tool⟩, axis: -z, within: 0.8}', LIMITS, POSITION,
+          POSTURE),
+    sound('two arms', 'span: {type: distance, frame: left_hand, reference: right_hand, '
+          'maximum: 1.5}', LIMITS, 'left: {type: position, frame: left_hand, gain: 2.0}', POSTURE),
     sound('panda', 'agile: {type: manipulability_above, frame: ⟨tool⟩, minimum: 0.03}', LIMITS,
           POSE, POSTURE),
     sound('ur5', 'agile: {type: manipulability_above, frame: ⟨tool⟩, axes: xyz, minimum: 0.02}',
@@ -532,6 +536,13 @@ FAULTS = [
              ['view: {type: field_of_view, frame: ⟨tool⟩, half_angle: 0.02, '
               'target: [0.6, 0.1, 0.4]}', POSITION],
              'bounds dominate, bounds', 'widen', 'view', runs=4),
+    *mistake('a tilt of a degree', ('panda', 'xarm7', 'ur5'),
+             ['upright: {type: tilt, frame: ⟨tool⟩, axis: -z, within: 0.02}', POSITION],
+             'bounds dominate, bounds', 'widen', 'upright', runs=4),
+    *mistake('a distance in millimetres', ('panda', 'ur5', 'xarm7'),
+             ['far: {type: distance, frame: ⟨tool⟩, minimum: 400.0}', POSITION],
+             'units, bounds, out of reach', 'widen|move|reach|metres|mm|lower', 'far', runs=2,
+             seconds=5.0),
     *mistake('a speed limit of 1 mm/s', ('panda', 'ur5e', 'xarm7'),
              ['slow: {type: speed_limit, frame: ⟨tool⟩, linear: 0.001}', POSITION],
              'bounds dominate, slow, never reached, seldom reached, units',

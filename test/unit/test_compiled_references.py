@@ -21,7 +21,7 @@ REFERENCES = {
     'center_of_mass_task.h': 'tasks/center_of_mass.py', 'clearance.h': 'model/clearance.py',
     'collision.h': 'tasks/collision.py', 'cycle_time.h': 'control/cycle_time.py',
     'damping.h': 'solver/damping.py', 'descent.h': 'positions/descent.py',
-    'escape.h': 'control/escape.py', 'field_of_view_task.h': 'tasks/field_of_view.py',
+    'escape.h': 'control/escape.py', 'cone_task.h': 'tasks/cone.py',
     'frame_task.h': 'tasks/frame.py', 'gradient_task.h': 'tasks/gradient.py',
     'jerk_limit.h': 'control/jerk_limit.py',
     'joint_limit_distance_task.h': 'tasks/joint_limit_distance.py',

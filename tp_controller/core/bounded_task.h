@@ -138,6 +138,8 @@ class BoundedTask : public Task {
   }
 
  protected:
+  ValueBounds bounds_;
+
   // Error and bounds of values (m,) whose J is in `out`; `motion` (m,): their velocities for a
   // robot at rest.
   void bound(const Situation &at, const double *value, const double *motion, const Rows &out) {
@@ -167,8 +169,6 @@ class BoundedTask : public Task {
     std::copy(J, J + size, latest);
     return before;
   }
-
-  ValueBounds bounds_;
 };
 
 }  // namespace

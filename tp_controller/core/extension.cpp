@@ -36,7 +36,7 @@ PyObject *constants() {
       {"tasks.pointing", {VALUE(MIN_VERTICAL_SINE), VALUE(MIN_SQUARED_SINE)}},
       {"tasks.bounded", {BOUNDED(RETURN_JOINT_SPEED), BOUNDED(FAR), BOUNDED(STILL), BOUNDED(LOOSE),
           BOUNDED(DRIFT), BOUNDED(TINY)}},
-      {"tasks.field_of_view", {VALUE(MIN_ANGLE)}},
+      {"tasks.cone", {VALUE(ROUNDED_SHARE)}},
       {"tasks.joint_limit_distance", {VALUE(MAX_CURVED), VALUE(MAX_RATE)}},
       {"control.joint_limits", {VALUE(RETURN_SHARE), VALUE(RETURN_SPEED),
           VALUE(LARGEST_DISTANCE), VALUE(UNLIMITED_ACCELERATION)}},

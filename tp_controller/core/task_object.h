@@ -7,7 +7,7 @@
 #pragma once
 
 #include "center_of_mass_task.h"
-#include "field_of_view_task.h"
+#include "cone_task.h"
 #include "frame_task.h"
 #include "joint_limit_distance_task.h"
 #include "joint_limits_task.h"
@@ -237,21 +237,20 @@ bool read_joint_limit_distance_task(PyObject *object, Law law, TaskTwin &twin) {
   return true;
 }
 
-// (frame, reference, goal, axis, bounds)
-bool read_field_of_view_task(PyObject *object, Law law, TaskTwin &twin) {
-  int frame;
+// (frame, reference, whether the goal is a point, goal, axis, bounds)
+bool read_cone_task(PyObject *object, Law law, TaskTwin &twin) {
+  int frame, is_point;
   double axis[3];
   Aim aim;
-  aim.is_point = true;
   PyObject *goal, *its, *limits;
   ValueBounds bounds;
-  if (!PyArg_ParseTuple(object, "iiOOO!", &frame, &aim.reference, &goal, &its, &PyTuple_Type,
-                        &limits)
+  if (!PyArg_ParseTuple(object, "iipOOO!", &frame, &aim.reference, &is_point, &goal, &its,
+                        &PyTuple_Type, &limits)
       || law.rows != 1 || frame < 0 || aim.reference < -1 || !read(goal, 3, HUGE_VAL, aim.goal)
       || !read(its, 3, HUGE_VAL, axis) || !read_bounds(limits, law.rows, bounds, twin))
     return false;
-  twin.task.reset(new FieldOfViewTask(std::move(law), std::move(bounds), twin.kept(), frame, axis,
-                                      aim));
+  aim.is_point = is_point;
+  twin.task.reset(new ConeTask(std::move(law), std::move(bounds), twin.kept(), frame, axis, aim));
   return true;
 }
 
@@ -262,7 +261,7 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task,
                             read_axis_task, read_center_of_mass_task, read_speed_limit_task,
                             read_region_task, read_joint_limit_distance_task,
-                            read_field_of_view_task};
+                            read_cone_task};
   int kind;
   PyObject *law, *inputs;
   if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
@@ -272,7 +271,7 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
     Law its;
     if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)) {
       // The twist of the goal, or a velocity of each row.
-      const Reader twisted[] = {read_axis_task, read_region_task, read_field_of_view_task};
+      const Reader twisted[] = {read_axis_task, read_region_task, read_cone_task};
       const bool has_twist = std::count(std::begin(twisted), std::end(twisted), readers[kind]);
       const size_t fed = has_twist ? 6 : size_t(its.rows);
       if ((its.feed_forward.empty() || its.feed_forward.size() == fed)

@@ -18,7 +18,7 @@ from tp_controller.solver.compiled import core
 
 # Kinds of twins, in the order of the readers in task_object.h.
 (FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS, SPEED_LIMIT, REGION, JOINT_LIMIT_DISTANCE,
- FIELD_OF_VIEW) = range(9)
+ CONE) = range(9)
 # rows, whether the mode is ``scale``, gain, feed-forward velocity (or the twist of the
 # goal), its time of arrival, timeout
 Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]

@@ -37,6 +37,8 @@ EVERYTHING = f"""
    outside: {{type: keep_out, frame: {TOOL}, shape: {{cylinder: [0.1, 0.4]}},
               at: [0.5, 0.5, 0.1]}},
    floor: {{type: keep_out, frame: {TOOL}, shape: half_space, at: [0, 0, -1]}},
+   upright: {{type: tilt, frame: {TOOL}, within: 3.0}},
+   span: {{type: distance, frame: {TOOL}, reference: {ELBOW}, minimum: 0.1, maximum: 2.0}},
    view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.4, target: [0.4, 0.1, 0.0]}},
    clear: {{type: obstacles, capsules: {CAPSULES}, within: 0.6, obstacles: {{
      ball: {{shape: {{sphere: 0.1}}, at: [0.6, 0.4, 0.3]}},
@@ -217,6 +219,8 @@ def test_every_part_has_a_namespace_of_its_own(panda):
         f'{task}/{part}' for task, parts in {
             'inside': 'frame goal region sphere', 'outside': 'frame goal region',
             'floor': 'frame goal region', 'view': 'frame goal axis sight cone',
+            'upright': 'frame goal axis sight cone',
+            'span': 'frame goal reference line region/minimum region/maximum',
             'clear': 'obstacle/ball obstacle/table distance',
             'look': 'frame goal axis sight cone turn', 'turn': 'frame goal',
             'between': 'frame goal reference'}.items() for part in parts.split()}

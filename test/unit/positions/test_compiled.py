@@ -27,6 +27,10 @@ STACKS = {
               f'- away: {{type: keep_out, frame: {TOOL}, shape: {{sphere: 0.3}}, '
               'at: [0.4, 0, 0.4]}\n'
               f'- aim: {{type: pointing, frame: {TOOL}}}\n'
+              f'- span: {{type: distance, frame: {TOOL}, at: [0, 0, 0], '
+              'minimum: 0.3, maximum: 0.7}\n'
+              f'- upright: {{type: tilt, frame: {TOOL}, axis: -z, direction: z, '
+              'within: 0.6}\n'
               f'- view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.5, '
               'target: [0.5, 0.3, 0.0]}\n- middle: {type: joint_limit_distance, gain: 0.1}\n',
 }

@@ -52,6 +52,14 @@ CASES = {
         {'frame': TOOL, 'half_angle': 1.2, 'axis': [1.0, 0.5, 0.0], 'target': 'panda_link2'},
         {'frame': TOOL, 'half_angle': 0.9, 'axis': '-x', 'target': [0.1, 0.6, 0.2],
          'reference': 'panda_link2'}],
+    'tilt': [
+        {'frame': TOOL, 'axis': '-z', 'within': 1.0},
+        {'frame': TOOL, 'axis': [1.0, 0.5, 0.0], 'direction': [0.2, -0.3, 2.0], 'within': 2.0},
+        {'frame': TOOL, 'axis': 'y', 'direction': '-x', 'within': 0.8, 'reference': ELBOW}],
+    'distance': [
+        {'frame': TOOL, 'minimum': 0.3},
+        {'frame': TOOL, 'reference': ELBOW, 'maximum': 0.45},
+        {'frame': TOOL, 'at': [0.4, 0.1, 0.5], 'minimum': 0.2, 'maximum': 0.6, 'gain': 4.0}],
     'manipulability_above': [{'frame': TOOL, 'minimum': 0.05},
                              {'frame': TOOL, 'minimum': 0.2, 'axes': 'xz'}],
     'speed_limit': [{'frame': TOOL, 'linear': 0.25},
@@ -263,7 +271,7 @@ def test_a_row_that_curves_outwards_keeps_a_clearance_for_that(name, keys):
 def test_every_type_says_what_it_takes_and_what_it_is(name):
     kind = KINDS[name]
     assert kind.type_name == name and inspect.getdoc(kind)
-    assert kind.goal_type in (None, 'pose', 'point')
+    assert kind.goal_type in (None, 'pose', 'point', 'direction')
 
 
 @pytest.mark.parametrize('name, keys', CONTRACT)
@@ -304,6 +312,14 @@ def test_bad_goals_are_refused_with_the_name_of_the_task(name, keys):
      "target: unknown frame 'tool'"),
     ('field_of_view', {'frame': TOOL, 'half_angle': 0.5, 'target': ELBOW, 'reference': ELBOW},
      'target: a frame as target is its own reference'),
+    ('tilt', {'frame': TOOL, 'within': 3.2}, 'within: must be less than π'),
+    ('tilt', {'frame': TOOL, 'within': 0.1, 'direction': 'up'}, 'direction: needs x, y, z, -x'),
+    ('tilt', {'frame': TOOL, 'within': 0.1, 'direction': [0, 0, 0]}, 'an axis needs a direc'),
+    ('distance', {'frame': TOOL}, 'minimum: needs a bound: give minimum, maximum or both'),
+    ('distance', {'frame': TOOL, 'maximum': -1.0}, 'task: maximum: must be positive, got -1$'),
+    ('distance', {'frame': TOOL, 'minimum': 0.5, 'maximum': 0.5},
+     'minimum: must be less than maximum = 0.5, got 0.5'),
+    ('distance', {'frame': TOOL, 'minimum': 0.5, 'at': [0.0] * 7}, 'at: the point .* needs 3 num'),
     ('manipulability_above', {'frame': TOOL, 'minimum': 0.0}, 'minimum: must be positive'),
     ('speed_limit', {'frame': TOOL}, 'linear: needs a speed: give linear, angular or both'),
     ('speed_limit', {'frame': TOOL, 'linear': 0.0, 'angular': -1.0},
@@ -384,18 +400,25 @@ def test_centre_of_a_round_shape_has_a_direction_away_from_it():
 
 # Regions and views that move
 
+# {type: whether its goals translate, and turn}
+MOVED = {'keep_in': (1, 1), 'keep_out': (1, 1), 'distance': (1, 0), 'field_of_view': (1, 0),
+         'tilt': (0, 1)}
+
+
 @pytest.mark.parametrize('name, keys', [
-    case for case in CONTRACT if case.values[0] in ('keep_in', 'keep_out', 'field_of_view')])
+    case for case in CONTRACT if case.values[0] in MOVED])
 def test_bounds_that_move_as_a_twist_says_are_kept_ahead_of(name, keys):
     task, rng, dt = make(name, keys), np.random.default_rng(6), 1e-6
     for state in random_states(task, 5):
-        twist = rng.normal(size=6) * ([1, 1, 1, 0, 0, 0] if name == 'field_of_view' else 1)
+        twist = rng.normal(size=6) * np.repeat(MOVED[name], 3)
         still = task.level(state, 0.0)
         task.set_feed_forward(task.parse_feed_forward(twist), 0.0)
         task.start(state)
         level, value, goal = task.level(state, 0.1), task.value(state), task.goal
         if name == 'field_of_view':
             task.goal = goal + dt * twist[:3]
+        elif name == 'tilt':
+            task.goal = goal + dt * np.cross(twist[3:], goal)
         else:
             task.goal = goal.copy()
             task.goal[:3, :3] = Rotation.from_rotvec(dt * twist[3:]).as_matrix() @ goal[:3, :3]
@@ -430,9 +453,11 @@ def test_view_without_a_target_keeps_what_is_straight_ahead():
     robot, task = robots.panda(), make('field_of_view', {'frame': TOOL, 'half_angle': 0.4})
     state = robot.state(robots.PANDA_READY)
     task.start(state)
-    assert task.value(state) == pytest.approx([0.0], abs=1e-9)
+    assert task.angle(state) == pytest.approx(0.0, abs=1e-9)
+    # Without a slope there, and at half the half angle with that of the angle.
     level = task.level(state, 0.0)
-    assert not level.J.any() and level.upper == pytest.approx([4.0])
+    np.testing.assert_allclose(level.J, 0.0, atol=1e-9)
+    assert level.upper == pytest.approx([10.0 * (0.4 - 0.1)])
 
 
 # Speed
@@ -553,6 +578,9 @@ LOOPS = {
     'keep_out': WALL,
     'field_of_view': '{type: field_of_view, frame: panda_hand_tcp, half_angle: 0.3, '
                      'target: [0.3, 0.0, -0.2]}',
+    'tilt': '{type: tilt, frame: panda_hand_tcp, axis: -z, within: 0.2}',
+    'distance': '{type: distance, frame: panda_hand_tcp, at: [0.3, 0.1, 0.3], minimum: 0.2, '
+                'maximum: 0.6}',
     'manipulability_above': '{type: manipulability_above, frame: panda_hand_tcp, minimum: 0.07}',
     'speed_limit': '{type: speed_limit, frame: panda_hand_tcp, linear: 0.1, angular: 0.2}',
 }

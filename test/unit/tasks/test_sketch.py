@@ -324,6 +324,34 @@ def test_arrow_leads_back_to_the_bound_of_a_region(name, seed):
 
 
 @given(seed=SEEDS)
+def test_cone_of_a_tilt_is_about_its_direction(seed):
+    task, state, placements, _ = started('tilt', seed, lambda rng: rng.normal(size=3),
+                                         reference=ELBOW, within=0.3)
+    cone, T = drawn(task, state)['cone'], placements[TOOL]
+    close(cone.T[:3, 2], placements[ELBOW][:3, :3] @ task.goal, atol=1e-9)
+    close(cone.T[:3, 3], T[:3, 3], atol=1e-9)
+    assert cone.half_angle == 0.3
+
+
+@given(seed=SEEDS)
+def test_bounds_of_a_distance_are_spheres_about_the_point_and_an_arrow_leads_back(seed):
+    task, state, placements, _ = started(
+        'distance', seed, lambda rng: rng.uniform(-1, 1, 3), reference=ELBOW, minimum=0.5,
+        maximum=0.9)
+    parts, place = drawn(task, state), placements[TOOL][:3, 3]
+    point = (placements[ELBOW] @ task.goal)[:3, 3]
+    close(parts['line'].points, [point, place], atol=1e-9)
+    for name, radius, allowed in (('minimum', 0.5, False), ('maximum', 0.9, True)):
+        region = parts[f'region/{name}']
+        close(region.T[:3, 3], point, atol=1e-9)
+        assert (region.shape.radius, region.allowed) == (radius, allowed)
+    distance = np.linalg.norm(place - point)
+    if 'error' in parts:
+        close(np.linalg.norm(parts['error'].end - point), np.clip(distance, 0.5, 0.9), atol=1e-9)
+        close(parts['error'].start, place, atol=1e-9)
+
+
+@given(seed=SEEDS)
 def test_distances_are_lines_from_surface_to_surface(seed):
     capsule = {'from': [0.0, 0.0, -0.1], 'to': [0.0, 0.0, 0.05], 'radius': 0.07}
     task, state, placements, _ = started(

@@ -25,7 +25,7 @@ from tp_controller.tasks.position import Position
 from tp_controller.tasks.twin import (
     AXIS,
     CENTER_OF_MASS,
-    FIELD_OF_VIEW,
+    CONE,
     FRAME,
     JOINT_LIMIT_DISTANCE,
     JOINT_LIMITS,
@@ -190,6 +190,7 @@ def bounded_pair(kind, robot, rng, moving):
     frame, reference = (str(each) for each in rng.choice(robot.frame_names, 2))
     keys = {'speed_limit': {'frame': frame, 'linear': 0.3, **({'angular': 0.5} if moving else {})},
             'field_of_view': {'frame': frame, 'half_angle': 0.5, 'axis': rng.normal(size=3)},
+            'tilt': {'frame': frame, 'within': 0.5, 'axis': rng.normal(size=3)},
             'joint_limits': {'margin': 1e-3}}.get(kind)
     if keys is None:
         shape = str(rng.choice(list(SHAPES)))
@@ -211,7 +212,7 @@ def assert_same_bounds(found, expected):
 
 
 @pytest.mark.parametrize('kind', [
-    'keep_in', 'keep_out', 'field_of_view', 'speed_limit', 'joint_limits'])
+    'keep_in', 'keep_out', 'field_of_view', 'tilt', 'speed_limit', 'joint_limits'])
 @given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), moving=st.booleans(),
        fed=st.booleans())
 def test_bounds_are_those_of_the_reference_whichever_way_evaluated_the_cycle_before(
@@ -224,7 +225,10 @@ def test_bounds_are_those_of_the_reference_whichever_way_evaluated_the_cycle_bef
     if one.goal_type:
         # The frame is near the surface.
         place = rng.normal(size=3) * rng.choice([0.02, 0.3])
-        if kind != 'field_of_view':
+        if one.goal_type == 'direction':
+            # The axis is nearly aligned.
+            place = one.parse_goal(one.aim.current(here, one.axis) + place)
+        elif one.goal_type == 'pose':
             place = pose(rotation_from_vector(rng.normal(size=3)),
                          one._motion.position(here) + place)
         for task in (one, other):
@@ -385,7 +389,7 @@ def test_twin_follows_every_input_and_none_is_changed_in_place():
 
 
 LAW = (6, False, np.array(2.0), None, 0.0, 1.0)
-BOUNDED = JOINT_LIMITS, SPEED_LIMIT, REGION, FIELD_OF_VIEW
+BOUNDED = JOINT_LIMITS, SPEED_LIMIT, REGION, CONE
 FITS = {
     FRAME: (LAW, (1, -1, bytes(range(6)), np.eye(4), np.zeros(4))),
     JOINTS: ((2, *LAW[1:]), (np.arange(2.0), False, np.zeros(2), np.zeros(2))),
@@ -397,7 +401,7 @@ FITS = {
     REGION: ((1, *LAW[1:]), ((1, -1, False, 1, np.ones(1), np.eye(4)),
                              (np.zeros(1), np.ones(1), 0.2, 0.5, np.zeros(22)))),
     JOINT_LIMIT_DISTANCE: ((4, *LAW[1:]), (np.zeros(4), np.ones(4), 0.5)),
-    FIELD_OF_VIEW: ((1, *LAW[1:]), (1, -1, np.zeros(3), np.eye(3)[2], (
+    CONE: ((1, *LAW[1:]), (1, -1, True, np.zeros(3), np.eye(3)[2], (
         np.array(-1.0), np.ones(1), 0.2, 0.5, np.zeros(22)))),
 }
 
@@ -440,9 +444,9 @@ def changed(inputs, place, value):
         ((1, 4), np.zeros((2, 2))), ((1, 4), None), ((1, 4), np.zeros(22, int)))),
     *((JOINT_LIMIT_DISTANCE, 1, *each) for each in (
         (0, np.zeros(6)), (0, None), (1, np.ones(8)), (1, 'x'), (2, None))),
-    *((FIELD_OF_VIEW, 1, *each) for each in (
-        (0, -1), (1, -2), (2, np.zeros(2)), (2, np.full(3, np.nan)), (2, None), (3, np.eye(3)),
-        (3, None), (4, None), ((4, 0), np.zeros(2)), ((4, 4), 'x')))])
+    *((CONE, 1, *each) for each in (
+        (0, -1), (1, -2), (3, np.zeros(2)), (3, np.full(3, np.nan)), (3, None), (4, np.eye(3)),
+        (4, None), (5, None), ((5, 0), np.zeros(2)), ((5, 4), 'x')))])
 def test_inputs_that_do_not_fit_are_refused(kind, part, place, wrong):
     parts = [*FITS[kind]]
     core.Task(kind, *parts)
@@ -492,8 +496,8 @@ def test_arrays_that_do_not_fit_are_left_to_the_reference():
                                   FITS[REGION][1], (0, 0), 10 ** 6)),
                               (REGION, FITS[REGION][0], changed(
                                   FITS[REGION][1], (1, 4), np.zeros(23))),
-                              (FIELD_OF_VIEW, FITS[FIELD_OF_VIEW][0], changed(
-                                  FITS[FIELD_OF_VIEW][1], 0, 10 ** 6)),
+                              (CONE, FITS[CONE][0], changed(
+                                  FITS[CONE][1], 0, 10 ** 6)),
                               (JOINT_LIMIT_DISTANCE, (6, *LAW[1:]), (
                                   np.zeros(6), np.ones(6), 0.5))):
         rows, bounded = law[0], kind in BOUNDED

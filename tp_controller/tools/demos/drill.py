@@ -23,7 +23,7 @@ from tp_controller.control.units import with_unit
 from tp_controller.model.shapes import Cylinder
 from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
-from tp_controller.tasks.field_of_view import FieldOfView
+from tp_controller.tasks.cone import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
 from tp_controller.tools.demos.motion import FixedObject, Look, Motion
 from tp_controller.tools.demos.outcome import films, Measurement, Outcome
@@ -110,7 +110,8 @@ def _lower_values(robot: Robot, stack: Stack, state: RobotState) -> list[float]:
     """Return the values that `LOWER` describes."""
     tasks = stack.tasks
     margin = np.minimum(state.q - robot.lower, robot.upper - state.q).min()
-    return [tasks['markers'].value(state)[0], tasks['mobile'].value(state)[0], margin]
+    markers = cast(FieldOfView, tasks['markers'])
+    return [markers.angle(state), tasks['mobile'].value(state)[0], margin]
 
 
 def drill(folder: str | Path) -> Outcome:

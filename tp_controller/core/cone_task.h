@@ -1,8 +1,8 @@
 // Copyright 2026 tp_controller contributors
 // SPDX-License-Identifier: Apache-2.0
 
-// Field of view of a camera.
-// Reference: tp_controller/tasks/field_of_view.py
+// Cones that an axis of a frame stays in.
+// Reference: tp_controller/tasks/cone.py
 
 #pragma once
 
@@ -12,14 +12,15 @@
 namespace {
 
 // Constant of the reference.
-constexpr double MIN_ANGLE = 1e-9;
+constexpr double ROUNDED_SHARE = 0.5;
 
-class FieldOfViewTask : public BoundedTask {
+class ConeTask : public BoundedTask {
  public:
   // `axis`: of the frame.
-  FieldOfViewTask(Law law, ValueBounds bounds, Kept history, int frame, const double *axis,
-                  const Aim &aim)
-      : BoundedTask(std::move(law), std::move(bounds), history), frame_(frame), aim_(aim) {
+  ConeTask(Law law, ValueBounds bounds, Kept history, int frame, const double *axis,
+           const Aim &aim)
+      : BoundedTask(std::move(law), std::move(bounds), history), frame_(frame), aim_(aim),
+        core_(ROUNDED_SHARE * bounds_.upper[0]) {
     std::copy(axis, axis + 3, axis_);
   }
 
@@ -39,8 +40,9 @@ class FieldOfViewTask : public BoundedTask {
     const Sight sight(aim_, motion, its.p, J);
     apply(its.R, axis_, axis);
     turn_between(axis, sight.direction, normal);
-    const double angle = std::sqrt(dot(normal, normal));
-    for (int i = 0; i < 3; ++i) normal[i] = angle > MIN_ANGLE ? normal[i] / angle : 0.0;
+    const double angle = std::sqrt(dot(normal, normal)), longer = std::max(angle, core_);
+    const double value = angle > core_ ? angle : 0.5 * (angle * angle / core_ + core_);
+    for (int i = 0; i < 3; ++i) normal[i] /= longer;
     for (size_t c = 0; c < n; ++c) {
       sight.turning(int(c), w);
       for (int i = 0; i < 3; ++i) w[i] -= J[(3 + i) * n + c];
@@ -50,7 +52,7 @@ class FieldOfViewTask : public BoundedTask {
       sight.turning(law_.feed_forward.data(), w);
       rate = dot(normal, w);
     }
-    bound(at, &angle, &rate, out);
+    bound(at, &value, &rate, out);
     return true;
   }
 
@@ -58,6 +60,7 @@ class FieldOfViewTask : public BoundedTask {
   int frame_;
   double axis_[3];
   Aim aim_;
+  double core_;
 };
 
 }  // namespace
