@@ -59,7 +59,7 @@ class ActiveStack:
         """Replace the stack; see `Controller.replace_stack`."""
         stack.check_owner(self._owner)
         before = self.stack.active
-        self._end_leads()
+        self.end_leads()
         stack.inherit_goals(self.stack)
         self._references = {
             stack.tasks[task.name]: reference for task, reference in self._references.items()
@@ -82,7 +82,7 @@ class ActiveStack:
         """Drop all goals; the next start sets default goals."""
         self.changes.announce(0)
         self.started = False
-        self._end_leads()
+        self.end_leads()
         self.end_references()
         self.stack.forget_goals()
 
@@ -206,7 +206,7 @@ class ActiveStack:
         return [self._leads[each.task].demand(each, state) if each.task in self._leads else each
                 for each in evaluations]
 
-    def _end_leads(self) -> None:
+    def end_leads(self) -> None:
         """Let all tasks go on straight to their goals."""
         for task in tuple(self._leads):
             self._end_lead(task)

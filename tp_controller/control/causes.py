@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tp_controller.control.cycle import Cycle, Outcome, TRANSITION
 from tp_controller.control.error_minimum import is_at_minimum, Place, SIGNIFICANT_SHARE
+from tp_controller.control.joint_limits import VelocityLimit
 from tp_controller.control.variants import ActiveLimits, Removable, Variants
 from tp_controller.control.velocity_limits import (
     LIMITS,
@@ -43,6 +44,7 @@ NEAR_SINGULAR, IMMOVABLE = 0.1, 1e-5
 TASK, BOUNDS = 'task', 'bounds'
 SINGULARITY, IMPOSSIBLE = 'singularity', 'impossible'
 DAMPING, CURVED, ACCELERATING = 'damping', 'curvature', 'accelerating'
+LOCK = 'lock'
 # Kinds of causes, in the order of causes.h.
 KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, IMPOSSIBLE,
          DAMPING, CURVED, ACCELERATING)
@@ -62,7 +64,8 @@ class Cause(NamedTuple):
         ``velocity limit``, ``lower position limit``, ``upper position limit`` or ``reserve`` of
         a joint; ``task`` or ``bounds``: another task that takes the directions, or whose bounds
         block it; ``singularity``: a direction in which the robot can hardly move here;
-        ``impossible``: one in which it cannot move; ``damping``; ``curvature``: damping that
+        ``impossible``: one in which it cannot move; ``lock`` of a joint; ``damping``;
+        ``curvature``: damping that
         keeps the robot from oscillating; ``accelerating``: joints that are about to move faster;
         ``transition``: a change that is still being blended in.
     name : str
@@ -91,14 +94,16 @@ class Causes:
         Outcome of the cycle.
     place : Place
         Configuration of the robot in the cycle.
+    locked : sequence of str
+        Locked joints.
 
     """
 
     def __init__(self, robot: Robot, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle,
-                 outcome: Outcome, place: Place) -> None:
+                 outcome: Outcome, place: Place, locked: Sequence[str] = ()) -> None:
         self._robot, self._evaluations, self._place = robot, evaluations, place
-        self._cycle, self._outcome = cycle, outcome
-        self.variants = Variants(evaluations, cycle)
+        self._cycle, self._outcome, self._locked = cycle, outcome, locked
+        self.variants = Variants(evaluations, cycle, place)
         self._out_of_reach: dict[str, bool] = {}
 
     @property
@@ -118,14 +123,14 @@ class Causes:
 
     def is_limited(self, evaluation: Evaluation) -> bool:
         """Return whether the residual of a task is a significant share of its demand."""
-        level = evaluation.level
+        level = self.variants.whole_level(evaluation)
         demand = 0.0 if level.v is None else norm(level.v)
         return missing(level, self._outcome.velocity) > max(
             DEMAND_ROUNDING * evaluation.task.row_scale, SIGNIFICANT_SHARE * demand)
 
     def loss(self, evaluation: Evaluation) -> float:
         """Return the share of its demand that a task misses, now or in the cycle that lasts."""
-        level = evaluation.level
+        level = self.variants.whole_level(evaluation)
         most = max(missing(level, self._outcome.velocity),
                    missing(level, self.variants.lasting.velocity))
         demand = 0.0 if level.v is None else norm(level.v)
@@ -143,7 +148,7 @@ class Causes:
             self._out_of_reach[name] = (
                 level.v is not None and bool(evaluation.error.any()) and not self.override
                 and norm(level.J.dot(self._outcome.velocity)) <= SIGNIFICANT_SHARE * norm(level.v)
-                and is_at_minimum(evaluation, self._robot, self._place))
+                and is_at_minimum(evaluation, self._robot, self._place, self._cycle.standing))
         return self._out_of_reach[name]
 
     def shares_level(self, evaluation: Evaluation, name: str) -> bool:
@@ -158,8 +163,10 @@ class Causes:
         The set is minimal: with any of them in place, part of the residual returns. Limits that
         act only without the others are among them where little would come back otherwise.
         """
-        index, level = self.variants.level_index(evaluation), evaluation.level
-        removed: list[Removable] = [*self._others(evaluation), *self.active_limits(index)]
+        index = self.variants.level_index(evaluation)
+        level = self.variants.whole_level(evaluation)
+        removed: list[Removable] = [*self._others(evaluation), *self.active_limits(index),
+                                    *self.variants.standing]
         residual = missing(level, self.variants.lasting.velocity)
         hidden: list[ActiveLimits] | None = None
         while hidden is None or hidden:
@@ -185,7 +192,7 @@ class Causes:
     def acts(self, evaluation: Evaluation, kind: str, name: str) -> bool:
         """Return whether a task or limit acts on a task in the cycle that lasts, all in place."""
         index = self.variants.level_index(evaluation)
-        if kind == TASK:
+        if kind in (TASK, LOCK):
             return True
         if kind != BOUNDS:
             at_bounds = _at_bounds(self.variants.cycle.bounds, self.variants.lasting.velocity)
@@ -224,7 +231,7 @@ class Causes:
         """
         if not self.is_limited(evaluation):
             return ()
-        level, found = evaluation.level, []
+        level, found = self.variants.whole_level(evaluation), []
         now = missing(level, self._outcome.velocity)
         lasting = missing(level, self.variants.lasting.velocity)
         for kind, name, gained in self._candidates(evaluation, now, lasting):
@@ -237,13 +244,12 @@ class Causes:
     def _candidates(self, evaluation: Evaluation, now: float, lasting: float
                     ) -> Iterator[tuple[str, str, float]]:
         """Yield (kind, name, size of the residual that disappears) of each candidate."""
-        level, variants = evaluation.level, self.variants
-        index = variants.level_index(evaluation)
-        for active in self.active_limits(index):
-            yield (*self.kind_and_name(active),
-                   lasting - missing(level, variants.without([active])))
-        for other in self._others(evaluation):
-            yield *self.kind_and_name(other), lasting - missing(level, variants.without([other]))
+        variants = self.variants
+        level, index = variants.whole_level(evaluation), variants.level_index(evaluation)
+        candidates: list[Removable] = [*self.active_limits(index), *variants.standing,
+                                       *self._others(evaluation)]
+        for each in candidates:
+            yield *self.kind_and_name(each), lasting - missing(level, variants.without([each]))
         if self._is_damped(index):
             yield DAMPING, '', lasting - missing(level, variants.undamped)
         yield from self._singular(evaluation, lasting)
@@ -286,14 +292,17 @@ class Causes:
 
     def kind_and_name(self, cause: Removable) -> tuple[str, str]:
         """Return the kind and name of a task or limit as a cause."""
-        if isinstance(cause, ActiveLimits):
-            # Coinciding limits count as one, named after the first.
-            return cause.limits[0], self._robot.velocity_names[cause.joint]
-        return BOUNDS if cause.task.bounded else TASK, cause.task.name
+        if isinstance(cause, Evaluation):
+            return BOUNDS if cause.task.bounded else TASK, cause.task.name
+        # Coinciding limits count as one, named after the first.
+        kind = cause.limits[0] if isinstance(cause, ActiveLimits) else VelocityLimit.name
+        return kind_of_limit(kind, self._robot.velocity_names[cause.joint], self._locked)
 
     def reaches(self, kind: str, name: str) -> tuple[bool, bool]:
         """Return whether a joint is at a limit now, and in the cycle that lasts."""
         joint, bounds = self._robot.velocity_names.index(name), self.variants.cycle.bounds
+        if joint in self._cycle.standing:
+            return True, True
         now, later = (any(each.joint == joint and kind in each.limits
                           for each in _at_bounds(bounds, velocity)) for velocity in (
                               self._outcome.velocity, self.variants.lasting.velocity))
@@ -343,7 +352,7 @@ class Causes:
     def _singular(self, evaluation: Evaluation, lasting: float
                   ) -> Iterator[tuple[str, str, float]]:
         """Yield the candidates for directions in which the robot can hardly move or not at all."""
-        level, solution = evaluation.level, self.variants.lasting
+        level, solution = self.variants.whole_level(evaluation), self.variants.lasting
         residual, gained = residual_of(level, solution.velocity), 0.0
         solved = solution.levels[self.variants.level_index(evaluation)]
         if solved.is_relaxed:
@@ -357,6 +366,11 @@ class Causes:
             gained = max(gained, lasting - missing(
                 other, self.variants.with_level(evaluation, other)))
         yield SINGULARITY, '', gained
+
+
+def kind_of_limit(kind: str, joint: str, locked: Sequence[str]) -> tuple[str, str]:
+    """Return kind and name of the cause that is a limit of a joint, or its lock."""
+    return LOCK if kind == VelocityLimit.name and joint in locked else kind, joint
 
 
 def _moves(evaluation: Evaluation) -> Array:
@@ -374,7 +388,8 @@ def _at_bounds(bounds: VelocityBounds, x: Array) -> list[ActiveLimits]:
     """Return the limits that are active at velocities x (n,)."""
     return [ActiveLimits(joint, tuple(bounds.limits(joint, up)))
             for up, bound in ((True, bounds.upper), (False, bounds.lower))
-            for joint in np.flatnonzero(np.abs(x - bound) <= SAME_VELOCITY).tolist()]
+            for joint in np.flatnonzero(np.abs(x - bound) <= SAME_VELOCITY).tolist()
+            if joint not in bounds.standing]
 
 
 def residual_of(level: Level, x: Array) -> Array:

@@ -3,7 +3,6 @@
 
 """Controller: joint positions in, joint velocities and a report out."""
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +12,12 @@ from tp_controller.control.cycle_options import CycleOptions, setting_faults, So
 from tp_controller.control.cycle_time import check_time
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.gains import gain_remark
+from tp_controller.control.joint_inputs import JointInputs
 from tp_controller.control.ramp import ramp_down
 from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.solved_cycle import Solved, SolvedCycle
 from tp_controller.control.step import Commanded, CycleMemory, Problem, Snapshot, step
-from tp_controller.control.trajectory_inputs import TrajectoryInputs
-from tp_controller.control.velocity_limits import lowered
 from tp_controller.errors import RobotError, SettingsError, TimeError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -44,7 +42,7 @@ class Command(NamedTuple):
     report: Report
 
 
-class Controller(TrajectoryInputs):
+class Controller(JointInputs):
     """
     Velocity controller that executes a stack of tasks on a robot, one `update` per cycle.
 
@@ -79,7 +77,7 @@ class Controller(TrajectoryInputs):
                              f'a Stack, got {type(robot).__name__}')
         check_type(stack)
         super().__init__(robot, stack, settings or Settings())
-        self._velocity_limits, self._make_solver = robot.velocity, solver
+        self._make_solver = solver
         self.check_settings(self._settings)
         # The last cycle, or the memory of a command without tasks.
         self._last: SolvedCycle | Commanded = Commanded(CycleMemory.at_rest(robot.n))
@@ -178,7 +176,7 @@ class Controller(TrajectoryInputs):
     def _apply(self, settings: Settings) -> None:
         """Apply validated settings."""
         self._settings = settings
-        self._options = CycleOptions(self.robot, settings, self._velocity_limits,
+        self._options = CycleOptions(self.robot, settings, self._limits_with_locks,
                                      self._make_solver)
         self._last = Commanded(self._memory.fit(self._options))
         self.stack.limit_time(settings.task_budget * settings.period)
@@ -200,39 +198,6 @@ class Controller(TrajectoryInputs):
         faults = setting_faults(settings, self.robot, stack)
         if faults:
             raise SettingsError(faults)
-
-    @property
-    def velocity_limits(self) -> Array:
-        """Return the velocity limits in force (n,) [rad/s or m/s]."""
-        return self._velocity_limits.copy()
-
-    def check_velocity_limits(self, limits: Mapping[str, float]) -> None:
-        """Raise `SettingsError` if `set_velocity_limits` cannot set such limits."""
-        lowered(self.robot, self._velocity_limits, limits)
-
-    def set_velocity_limits(self, limits: Mapping[str, float]) -> None:
-        """
-        Lower velocity limits from the next cycle on, or raise them again.
-
-        A faster joint brakes with its acceleration limit, or at once without such a limit.
-
-        Parameters
-        ----------
-        limits : mapping
-            {velocity: limit}, of `Robot.velocity_names` [rad/s or m/s]; others stay.
-
-        Raises
-        ------
-        SettingsError
-            Lists all limits that are not above 0, or are beyond the limit of the robot; the
-            previous limits stay in force.
-
-        """
-        found = lowered(self.robot, self._velocity_limits, limits)
-        if not np.array_equal(found, self._velocity_limits):
-            self._velocity_limits = found
-            self._apply(self._settings)
-            self._changes.announce(0)
 
     def gain_warning(self, name: str) -> str:
         """
@@ -325,7 +290,7 @@ class Controller(TrajectoryInputs):
             stack.check(evaluations, self.robot.n)
             raise
         place = Place(state.q, self._states.passive, now, self._states.spare)
-        return Solved(evaluations, cycle, outcome, memory, place, self._options)
+        return Solved.after(evaluations, cycle, outcome, memory, place, self._options)
 
     @property
     def _memory(self) -> CycleMemory:

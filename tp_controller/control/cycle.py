@@ -5,6 +5,7 @@
 
 from typing import NamedTuple
 
+from tp_controller.control.standing_joints import without_joints
 from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
@@ -26,6 +27,8 @@ class Cycle(NamedTuple):
     solver : Solver
     memory : tuple of float
         `Solution.memory` of the previous cycle.
+    standing : tuple of int
+        Joints that stand and stay, which all levels leave out.
 
     """
 
@@ -33,6 +36,15 @@ class Cycle(NamedTuple):
     bounds: VelocityBounds
     solver: Solver
     memory: Memory
+    standing: tuple[int, ...] = ()
+
+    @classmethod
+    def begin(cls, levels: list[Level], bounds: VelocityBounds, solver: Solver, memory: Memory
+              ) -> 'Cycle':
+        """Return the cycle of levels of all joints."""
+        standing = bounds.standing
+        return cls([without_joints(level, standing) for level in levels], bounds, solver, memory,
+                   standing).towards()
 
     def solve(self, levels: list[Level] | None = None) -> Solution:
         """Return the solution of levels, by default those of the stack."""
@@ -57,6 +69,8 @@ class Cycle(NamedTuple):
         if levels is not self.levels and any(memory):
             remembered = {id(level): h for level, h in zip(self.levels, memory)}
             memory = tuple([remembered.get(id(level), 0.0) for level in levels])
+        if levels is not self.levels and self.standing:
+            levels = [without_joints(level, self.standing) for level in levels]
         return self.solver.solve(levels, bounds, memory)
 
 

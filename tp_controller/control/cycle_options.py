@@ -44,6 +44,8 @@ class CycleOptions:
         Number of pending commands.
     solver : Solver
     limits : VelocityLimits
+    locked : tuple of str
+        Joints that have lost their velocity limit of the robot, which is zero now.
 
     """
 
@@ -54,6 +56,8 @@ class CycleOptions:
         self.period, self.blend = settings.period, settings.blend
         self.delay = settings.command_delay
         self.solver = make_solver(settings, robot.n)
+        self.locked = tuple([name for name, limit, own in zip(
+            robot.velocity_names, velocity, robot.velocity) if limit == 0.0 < own])
         self.limits = VelocityLimits(robot, settings.period, settings.braking_gain, velocity,
                                      settings.speed_cap(robot, velocity))
 

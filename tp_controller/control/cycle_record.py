@@ -21,7 +21,9 @@ from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.escape import Escape
+from tp_controller.control.standing_joints import evaluations_without
 from tp_controller.control.step import CycleMemory
+from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.solver.compiled import Record
@@ -169,16 +171,24 @@ class CycleRecord:
         return found
 
     @cached_property
-    def evaluations(self) -> list[list[Evaluation]]:
+    def evaluations(self) -> Sequence[Sequence[Evaluation]]:
         """Return the evaluations of the enabled tasks, level by level."""
         given, errors = iter(self._given), iter(self.errors)
         self._at = self._first + (4 if self._has_demand else 3) * self._n
-        return [self._group(list(zip(*group)), given, errors)
-                for group in zip(self.layout.active, self.layout.twins)]
+        found = [self._group(list(zip(*group)), given, errors)
+                 for group in zip(self.layout.active, self.layout.twins)]
+        # Those that Python evaluated have the columns of all joints.
+        return evaluations_without(found, self._bounds.standing)
 
     @cached_property
     def cycle(self) -> Cycle:
         """Return the problem of the cycle."""
+        return Cycle(levels_of(self.evaluations), self._bounds, self.layout.options.solver,
+                     self.layout.memory(self._before).damping, self._bounds.standing)
+
+    @cached_property
+    def _bounds(self) -> VelocityBounds:
+        """Return the bounds of the cycle."""
         options, before, n = self.layout.options, self.layout.memory(self._before), self._n
         time = self.memory.time
         motion = before.motion(self._positions, self._head[2], time.longest_hold(options.period))
@@ -186,9 +196,7 @@ class CycleRecord:
         if self._has_demand:
             motion = motion._replace(demand=self._numbers[first:first + n])
         box = self._numbers[first - 2 * n:first].reshape(2, n)
-        return Cycle(levels_of(self.evaluations),
-                     options.limits.bounds(motion, (box[0], box[1]), time.mean), options.solver,
-                     before.damping)
+        return options.limits.bounds(motion, (box[0], box[1]), time.mean)
 
     @cached_property
     def outcome(self) -> Outcome:

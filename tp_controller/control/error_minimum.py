@@ -3,6 +3,7 @@
 
 """Errors of a task at other configurations of the robot than the present one."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,17 +42,33 @@ class Place(NamedTuple):
     spare: RobotState
 
 
-def is_at_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
-    """Return whether the error of a task is at a minimum; False if the task fails."""
+def is_at_minimum(evaluation: Evaluation, robot: Robot, place: Place,
+                  standing: Sequence[int] = ()) -> bool:
+    """
+    Return whether the error of a task is at a minimum; False if the task fails.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Evaluation of the task.
+    robot : Robot
+        Robot that it moves.
+    place : Place
+        Configuration of the robot.
+    standing : sequence of int
+        Joints that do not move.
+
+    """
     try:
         with foreign:
-            return _is_minimum(evaluation, robot, place)
+            return _is_minimum(evaluation, robot, place, standing)
     except Exception:
         # A task type of another package may raise any exception.
         return False
 
 
-def _is_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
+def _is_minimum(evaluation: Evaluation, robot: Robot, place: Place,
+                standing: Sequence[int]) -> bool:
     """
     Return whether the error of a task is at a minimum.
 
@@ -61,14 +78,15 @@ def _is_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
     """
     task, (q, passive, now, state) = evaluation.task.probe(), place
     state.update(q, passive)
-    n = robot.n
+    motions_left = np.delete(np.eye(robot.n), list(standing), axis=0)
 
     def gradient() -> Array:
         level = task.evaluate(state, now).level
-        return -level.J.T.dot(level.v)
+        return -motions_left.dot(level.J.T.dot(level.v))
 
-    here, H = gradient(), np.empty((n, n))
-    for column, motion in enumerate(np.eye(n)):
+    here = gradient()
+    H = np.empty((len(here), len(here)))
+    for column, motion in enumerate(motions_left):
         state.update(robot.integrate(q, motion, DIFFERENCE_STEP))
         H[:, column] = (gradient() - here) / DIFFERENCE_STEP
     # Tolerance that scales with H, which grows with the error.
@@ -77,5 +95,5 @@ def _is_minimum(evaluation: Evaluation, robot: Robot, place: Place) -> bool:
     values, motions = np.linalg.eigh(0.5 * (H + H.T))
     along = motions.T.dot(here)
     to_gain = (along * along / np.maximum(values, least)).sum()
-    return bool(values[0] > -least and np.abs(H - H.T).max() < least
+    return bool(values.min(initial=0.0) > -least and np.abs(H - H.T).max(initial=0.0) < least
                 and to_gain <= SIGNIFICANT_SHARE * demand * norm(evaluation.error))

@@ -17,6 +17,7 @@ from tp_controller.control.causes import (
     DAMPING,
     IMMOVABLE,
     IMPOSSIBLE,
+    LOCK,
     missing,
     NOTABLE_SHARE,
     SINGULARITY,
@@ -47,6 +48,7 @@ HINTS = {
     RESERVE: 'lower the setting reserve',
     BOUNDS: 'choose a goal that the bounds of {name} allow',
     SINGULARITY: 'begin at another arm posture, away from the singularity',
+    LOCK: 'unlock {name}',
     DAMPING: 'lower the setting damping',
 }
 # {kind: limit}, of those that last.
@@ -196,6 +198,8 @@ class _Adviser:
         elif kind in (DAMPING, RESERVE):
             yield Proposal(text, setup.with_settings(
                 **{kind: LOWERED * getattr(setup.settings, kind)}))
+        elif kind == LOCK:
+            yield Proposal(text, setup.unlocked([cause.name]))
         elif kind == SINGULARITY:
             yield Proposal(text, setup.in_middle(setup.robot.joint_names))
         elif kind == IMPOSSIBLE:
@@ -270,6 +274,8 @@ class _Adviser:
             texts.append(_text(kind, names))
             if kind in LASTING_LIMITS:
                 setup = setup.without_limits(LASTING_LIMITS[kind].key, names)
+            elif kind == LOCK:
+                setup = setup.unlocked(names)
             elif kind == BOUNDS:
                 for name in names:
                     setup = setup.without(name)

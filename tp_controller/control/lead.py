@@ -26,7 +26,7 @@ class Lead(NamedTuple):
     Attributes
     ----------
     posture : ndarray (n,)
-        Positions of the joints at the goal [rad or m].
+        Positions of the joints at the goal [rad or m]; NaN for those that stay where they are.
 
     """
 
@@ -34,13 +34,17 @@ class Lead(NamedTuple):
 
     def has_arrived(self, state: RobotState) -> bool:
         """Return whether the joints are at the posture."""
-        return float(np.abs(self.posture - state.positions).max()) <= ARRIVED
+        return float(np.abs(self._way(state)).max()) <= ARRIVED
 
     def demand(self, evaluation: Evaluation, state: RobotState) -> Evaluation:
         """Return the evaluation of a task with the demand of its lead, and its own error."""
         task = evaluation.task
-        velocity = float(np.max(task.gain)) * (self.posture - state.positions)
+        velocity = float(np.max(task.gain)) * self._way(state)
         # A joint whose limit is zero stays where it is, whatever is demanded.
         limits = task.robot.velocity
         excess = float((np.abs(velocity) / np.where(limits > 0.0, limits, np.inf)).max())
         return Evaluation(task, Level.of_joints(velocity / max(excess, 1.0)), evaluation.error)
+
+    def _way(self, state: RobotState) -> Array:
+        """Return the distances (n,) to the posture."""
+        return np.nan_to_num(self.posture - state.positions)

@@ -68,6 +68,11 @@ class Report:
         return active_bounds(self._solved.evaluations, self._solution)
 
     @property
+    def locked(self) -> tuple[str, ...]:
+        """Return the locked joints."""
+        return self._solved.options.locked
+
+    @property
     def reached(self) -> bool:
         """Return whether every enabled task is at its goal."""
         return all(task.reached for task in self.tasks if task.level is not None)

@@ -258,8 +258,8 @@ class _Run:
         state = self._state(q, last.velocity)
         evaluations = [[task.evaluate(state, now) for task in group] for group in self.groups]
         problem = Problem(self.options, levels_of(evaluations), state.positions, now, self.period)
-        return Solved(evaluations, *step(problem, last.memory),
-                      self._place._replace(q=q, now=now), self.options)
+        return Solved.after(evaluations, *step(problem, last.memory),
+                            self._place._replace(q=q, now=now), self.options)
 
     def _state(self, q: Array, velocity: Array) -> RobotState:
         """Return the state at a configuration, reached at a velocity (n,)."""

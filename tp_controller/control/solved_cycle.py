@@ -10,6 +10,7 @@ from tp_controller.control.causes import CombinedCauses, FoundCauses
 from tp_controller.control.cycle import Cycle, Outcome
 from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.error_minimum import Place
+from tp_controller.control.standing_joints import evaluations_without
 from tp_controller.control.step import CycleMemory
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Groups
@@ -71,6 +72,13 @@ class Solved(NamedTuple):
     memory: CycleMemory
     place: Place
     options: CycleOptions
+
+    @classmethod
+    def after(cls, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle, outcome: Outcome,
+              memory: CycleMemory, place: Place, options: CycleOptions) -> 'Solved':
+        """Return a cycle of tasks as they were evaluated, with the levels that it solved."""
+        return cls(evaluations_without(evaluations, cycle.standing), cycle, outcome, memory,
+                   place, options)
 
     @property
     def tasks(self) -> Groups:

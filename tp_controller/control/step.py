@@ -13,6 +13,7 @@ from tp_controller.control.cycle_options import CycleOptions
 from tp_controller.control.cycle_time import CycleTime
 from tp_controller.control.escape import Escape
 from tp_controller.control.joint_limits import JointMotion
+from tp_controller.control.standing_joints import without_joints
 from tp_controller.control.transition import kept_above, Transition
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
@@ -205,8 +206,7 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
         elapsed = now - commanded
     elapsed, time = time.advance(elapsed, options.period)
     motion = memory.motion(positions, elapsed, time.longest_hold(options.period))
-    cycle = Cycle(levels, options.limits.at(motion, time.mean), options.solver,
-                  damping).towards()
+    cycle = Cycle.begin(levels, options.limits.at(motion, time.mean), options.solver, damping)
     outcome = None
     if shared is not None:
         escape = escape.reset()
@@ -236,7 +236,8 @@ def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, 
         transition, changed = memory.transition, cycle
         if before is not None:
             motion = memory.motion(before.positions, elapsed, time.longest_hold(options.period))
-            changed = cycle._replace(levels=before.levels, memory=before.damping,
+            levels = [without_joints(level, cycle.standing) for level in before.levels]
+            changed = cycle._replace(levels=levels, memory=before.damping,
                                      bounds=options.limits.at(motion, time.mean))
         began = time.now - min(elapsed, options.period)
         # Shared levels must not fade, even if their goals move on.

@@ -15,6 +15,7 @@ from tp_controller.control.causes import (
     Causes,
     DEMAND_ROUNDING,
     FoundCauses,
+    kind_of_limit,
     KINDS,
     TASK,
 )
@@ -229,7 +230,8 @@ class ReportedCycle(MeasuredCycle):
     def search(self) -> Causes:
         """Return the search for causes that limit tasks."""
         solved = self._solved
-        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place)
+        return Causes(self._robot, solved.evaluations, solved.cycle, solved.outcome, solved.place,
+                      solved.options.locked)
 
     @cached_property
     def roll_outs(self) -> RollOuts:
@@ -240,26 +242,32 @@ class ReportedCycle(MeasuredCycle):
         """Return the causes that limit the task at an index, the largest share first."""
         if self._found is None:
             return self.search.of(self.evaluations[index])
-        return tuple([Cause(KINDS[kind], self._name(KINDS[kind], place), share)
+        return tuple([Cause(*self._kind_and_name(KINDS[kind], place), share)
                       for kind, place, share in self._found[index]])
 
     def combined_causes(self, index: int) -> list[tuple[str, str]]:
         """Return (kind, name) of what blocks the task at an index together; [] if nothing does."""
-        found = self._solved.combined_causes(index)
+        found = None if self._stands else self._solved.combined_causes(index)
         if found is None:
             return self.search.combined_causes(self.evaluations[index])
-        return [(KINDS[kind], self._name(KINDS[kind], place)) for kind, place in found]
+        return [self._kind_and_name(KINDS[kind], place) for kind, place in found]
 
     @cached_property
     def _found(self) -> FoundCauses | None:
         """Return the causes that the compiled core finds; none of tasks that are reached."""
-        return self._solved.causes(np.array([
+        return None if self._stands else self._solved.causes(np.array([
             math.inf if self.measures(index).reached else DEMAND_ROUNDING * task.row_scale
             for index, task in enumerate(self._tasks)]))
 
-    def _name(self, kind: str, place: int) -> str:
-        """Return the name of a task or joint; empty where a cause has none."""
+    @cached_property
+    def _stands(self) -> bool:
+        """Return whether a joint stands, and stays: the core has only levels without it."""
+        return bool(self._solved.options.limits.zero and self._solved.cycle.bounds.standing)
+
+    def _kind_and_name(self, kind: str, place: int) -> tuple[str, str]:
+        """Return kind and name of a cause; the name is empty where it has none."""
         if place < 0:
-            return ''
-        return self._tasks[place].name if kind in (TASK, BOUNDS) \
-            else self._robot.velocity_names[place]
+            return kind, ''
+        if kind in (TASK, BOUNDS):
+            return kind, self._tasks[place].name
+        return kind_of_limit(kind, self._robot.velocity_names[place], self._solved.options.locked)

@@ -121,6 +121,13 @@ class Setup(NamedTuple):
         setattr(robot, key, limits)
         return self._replace(robot=robot)
 
+    def unlocked(self, names: Sequence[str]) -> 'Setup':
+        """Return the setup with the velocity limits that locked joints had."""
+        joints = [self.robot.velocity_names.index(name) for name in names]
+        velocity = self.velocity.copy()
+        velocity[joints] = self.robot.velocity[joints]
+        return self._replace(velocity=velocity)
+
     def in_middle(self, names: Sequence[str]) -> 'Setup':
         """Return the setup that begins at rest with joints in the middle of their ranges."""
         robot, q = self.robot, self.q.copy()
@@ -128,7 +135,7 @@ class Setup(NamedTuple):
             if name in robot.joint_names:
                 joint = robot.velocity_names.index(name)
                 ends = robot.lower[joint], robot.upper[joint]
-                if np.isfinite(ends).all():
+                if np.isfinite(ends).all() and self.velocity[joint] > 0.0:
                     q[robot.joint_rows.start + robot.joint_names.index(name)] = np.mean(ends)
         return self._replace(q=q)
 

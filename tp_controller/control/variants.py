@@ -9,7 +9,10 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 from tp_controller.control.cycle import Cycle
+from tp_controller.control.error_minimum import Place
+from tp_controller.control.joint_limits import VelocityLimit
 from tp_controller.control.settling import settled
+from tp_controller.control.standing_joints import whole_levels, without_joints
 from tp_controller.model.spatial import Array
 from tp_controller.solver.level import Level
 from tp_controller.solver.solution import Bounds, Solution
@@ -24,7 +27,13 @@ class ActiveLimits(NamedTuple):
     limits: tuple[str, ...]
 
 
-Removable: TypeAlias = Evaluation | ActiveLimits
+class StandingJoint(NamedTuple):
+    """Joint whose velocity limit of zero keeps it from moving."""
+
+    joint: int
+
+
+Removable: TypeAlias = Evaluation | ActiveLimits | StandingJoint
 
 
 class Variants:
@@ -41,6 +50,8 @@ class Variants:
         Evaluations of the tasks, level by level.
     cycle : Cycle
         The present cycle.
+    place : Place
+        Configuration of the robot in the cycle.
 
     Attributes
     ----------
@@ -49,8 +60,9 @@ class Variants:
 
     """
 
-    def __init__(self, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle) -> None:
-        self._evaluations, self._present = evaluations, cycle
+    def __init__(self, evaluations: Sequence[Sequence[Evaluation]], cycle: Cycle,
+                 place: Place) -> None:
+        self._evaluations, self._present, self._place = evaluations, cycle, place
         memory = (*cycle.memory, *(0.0,) * len(cycle.levels))[:len(cycle.levels)]
         self.cycle = cycle._replace(bounds=cycle.bounds.settled, memory=memory)
         self._level_indices = {id(evaluation): index for index, group in enumerate(evaluations)
@@ -61,6 +73,20 @@ class Variants:
     def level_index(self, evaluation: Evaluation) -> int:
         """Return the index of the level of a task."""
         return self._level_indices[id(evaluation)]
+
+    @cached_property
+    def _whole_levels(self) -> dict[int, Level]:
+        """Return the levels of the tasks with the columns of all joints."""
+        return whole_levels(self._evaluations, self._place, self._present.bounds.last)
+
+    def whole_level(self, evaluation: Evaluation) -> Level:
+        """Return the level of a task with the columns of joints that stand, too."""
+        return self._whole_levels[id(evaluation)] if self.cycle.standing else evaluation.level
+
+    @property
+    def standing(self) -> list[StandingJoint]:
+        """Return the joints that stand, and stay."""
+        return [StandingJoint(joint) for joint in self.cycle.standing]
 
     @cached_property
     def lasting(self) -> Solution:
@@ -98,7 +124,8 @@ class Variants:
         """Return the velocities (n,) without some tasks and limits."""
         key = tuple([each.task.name if isinstance(each, Evaluation) else each for each in removed])
         if key not in self._found:
-            groups = [[each for each in group if each not in removed]
+            standing = self.cycle_without(removed).standing
+            groups = [[self._moved(each, standing) for each in group if each not in removed]
                       for group in self._evaluations]
             kept = [index for index, group in enumerate(groups) if group]
             self._found[key] = settled(self.cycle_without(removed)._replace(
@@ -107,16 +134,26 @@ class Variants:
         return self._found[key]
 
     def cycle_without(self, removed: Sequence[Removable]) -> Cycle:
-        """Return the cycle without the joint limits among the removed candidates."""
+        """Return the cycle without the joint limits and locks among removed candidates."""
         cycle = self.cycle
         for each in removed:
             if isinstance(each, ActiveLimits):
                 cycle = cycle._replace(bounds=cycle.bounds.without(*each))
+            elif isinstance(each, StandingJoint):
+                cycle = cycle._replace(
+                    bounds=cycle.bounds.without(each.joint, [VelocityLimit.name]),
+                    standing=tuple([joint for joint in cycle.standing if joint != each.joint]))
         return cycle
+
+    def _moved(self, evaluation: Evaluation, standing: tuple[int, ...]) -> Evaluation:
+        """Return an evaluation with the columns of all joints but some that stand."""
+        if standing == self.cycle.standing:
+            return evaluation
+        return replace(evaluation, level=without_joints(self.whole_level(evaluation), standing))
 
     def with_level(self, evaluation: Evaluation, level: Level) -> Array:
         """Return the velocities (n,) with another level in place of that of a task."""
-        other = replace(evaluation, level=level)
+        other = replace(evaluation, level=without_joints(level, self.cycle.standing))
         groups = [[other if each is evaluation else each for each in group]
                   for group in self._evaluations]
         return settled(self.cycle._replace(levels=levels_of(groups))).velocity

@@ -84,6 +84,12 @@ class VelocityBounds(Bounds):
         motion = self._motion._replace(demand=demand)
         return VelocityBounds(self._limits, motion, self._limits.box(motion), self.cap, self.hold)
 
+    @cached_property
+    def standing(self) -> tuple[int, ...]:
+        """Return the joints that stand, and stay: those with a velocity limit of zero."""
+        return tuple([joint for joint in self._limits.zero
+                      if self.lower[joint] == self.upper[joint] == 0.0])
+
     @property
     def last(self) -> Array:
         """Return the velocities (n,) of the last command."""
@@ -241,6 +247,8 @@ class VelocityLimits:
         Whether the bounds depend on what the tasks demand.
     cap : ndarray (n,) or None
         See `Bounds`.
+    zero : list of int
+        Indices of the joints whose velocity limit is zero.
     compiled : CompiledLimits or None
         The limits in the compiled core; None if it does not support them.
 
@@ -255,6 +263,7 @@ class VelocityLimits:
                     if not limit.transient or np.isfinite(values[limit.key]).any()]
         self.follow_demand = any(limit.follows_demand for limit in self.all)
         self.cap, self._size = cap, len(values['velocity'])
+        self.zero: list[int] = np.flatnonzero(values['velocity'] == 0.0).tolist()
         self.compiled: CompiledLimits | None = None
         if core is not None and self._size <= MOST and all(limit.compiled for limit in self.all):
             self.compiled = core.Limits(period, braking_gain,

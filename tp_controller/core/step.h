@@ -11,6 +11,7 @@
 #include "escape.h"
 #include "solve.h"
 #include "stack_levels.h"
+#include "standing_joints.h"
 #include "velocity_limits.h"
 
 namespace {
@@ -132,6 +133,9 @@ class ControlCycle {
     lower = solver.arena.take(solver.n());
     upper = solver.arena.take(solver.n());
     JointMotion its = motion(solver.arena, positions, memory, elapsed, time);
+    limits.standing(its, standing_);
+    if (!standing_.empty())
+      for (Level &level : solver.levels) leave_out(solver.arena, standing_, level);
     demand = nullptr;
     if (limits.limits.follow_demand()) {
       // First without transient limits: these follow what the tasks demand.
@@ -162,6 +166,7 @@ class ControlCycle {
   }
 
   std::vector<Group> groups_;
+  std::vector<int> standing_;
 };
 
 }  // namespace

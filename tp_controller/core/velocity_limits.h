@@ -62,6 +62,16 @@ class Limits {
 
   Py_ssize_t size() const { return Py_ssize_t(limits.size()); }
 
+  // Find the joints that stand, and stay: those with a velocity limit of zero.
+  void standing(const JointMotion &motion, std::vector<int> &found) const {
+    found.clear();
+    for (size_t j = 0; j < limits.size(); ++j) {
+      if (limits.velocity.values[j] != 0.0) continue;
+      const Interval box = at(motion, limits.position.gain_of(motion), j);
+      if (box.least == 0.0 && box.most == 0.0) found.push_back(int(j));
+    }
+  }
+
   // What `bounded` returns of one joint, without some limits (bits of their places in `LIMITS`).
   Interval at(const JointMotion &motion, double gain, size_t j, unsigned without = 0) const {
     const Interval speed = limits.velocity.at(j), braking = limits.position.at(motion, gain, j);

@@ -48,7 +48,7 @@ def set_goal_by_posture(controller: Controller, name: str, goal: Goal,
                         'arrived yet')
     parsed = controller.parsed_goal(name, goal, frame)
     q, passive = place
-    found = PositionSolver(controller.robot, controller.stack).solve(
+    found = PositionSolver(controller.robot, controller.stack, controller.locked, q).solve(
         {name: parsed}, q, passive=passive, timeout=LONGEST_SEARCH)
     reason = '' if found.reached else next(
         task.reason for task in found.tasks if task.name == name) or 'a task above is in the way'

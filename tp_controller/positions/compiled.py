@@ -102,7 +102,7 @@ class Searches:
         if core is not None and motion is not None and tasks.groups \
                 and all(map(has_twin, tasks.stack.active_tasks)):
             self._compiled = _CompiledTasks(robot, tasks, core.Search(
-                robot.lower, robot.upper, nudges(robot.n)), motion)
+                robot.lower, robot.upper, nudges(robot)), motion)
 
     def begin(self, passive: Array) -> None:
         """Begin with the present inputs of the tasks and passive positions (p,)."""

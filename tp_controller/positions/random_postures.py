@@ -8,6 +8,7 @@ import math
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.positions.locked_robot import fixed
 
 # Range of a joint without limits, and of each velocity of a base about the start [rad or m].
 FREE_RANGE, BASE_RANGE = math.pi, 1.0
@@ -41,6 +42,7 @@ def random_postures(robot: Robot, start: Array, generator: np.random.Generator, 
     for q, joints in zip(found, drawn):
         velocity = np.zeros(robot.n)
         velocity[:columns.start] = generator.uniform(-BASE_RANGE, BASE_RANGE, columns.start)
+        velocity[fixed(robot)] = 0.0
         q[:] = robot.integrate(start, velocity, 1.0)
         q[rows] = joints
     return found

@@ -12,8 +12,10 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.positions.descent import Descent, kept_cost, MET
+from tp_controller.positions.locked_robot import fixed
 from tp_controller.positions.position_stack import Point, PositionStack
 
 # Costs that differ by no more than this share are equal.
@@ -84,16 +86,17 @@ def search(tasks: PositionStack, descent: Descent, needed: int, starts: Iterable
     return [each._replace(descents=descents) for each in met]
 
 
-def nudges(n: int) -> Array:
+def nudges(robot: Robot) -> Array:
     """Return changes (count, n) of the positions that lead to the starts nearby."""
-    return np.random.default_rng(0).normal(0.0, NUDGE, (NUDGES, n))
+    found = np.random.default_rng(0).normal(0.0, NUDGE, (NUDGES, robot.n))
+    return np.where(fixed(robot), 0.0, found)
 
 
 def finish(tasks: PositionStack, descent: Descent, point: Point) -> Point:
     """Reduce all levels in turn; where some are not met, descend from nearby, too."""
     descent.begin()
     point = descent.finish(point)
-    for nudge in nudges(tasks.robot.n):
+    for nudge in nudges(tasks.robot):
         if sum(point.costs) <= MET or descent.out_of_time():
             break
         descent.begin()

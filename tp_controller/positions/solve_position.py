@@ -3,7 +3,7 @@
 
 """Inverse kinematics of a stack, in one call."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from threading import Lock
 import time
 from typing import Any
@@ -15,6 +15,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.positions.choice import CRITERIA, has_whole_turns, unwound
 from tp_controller.positions.compiled import Searches
+from tp_controller.positions.locked_robot import with_locks
 from tp_controller.positions.options import SearchOptions
 from tp_controller.positions.position_stack import PositionStack
 from tp_controller.positions.random_postures import random_postures
@@ -43,15 +44,23 @@ class PositionSolver:
     stack : Stack
         Tasks, the highest priority first. Gains are ignored. Tasks that demand or limit a
         velocity are left out, and so are disabled ones.
+    locked : collection of str
+        Joints, or velocities of a moving base, that stay where they are; see `Controller.lock`.
+    at : array_like (nq,), optional
+        Configuration at which they are locked; `Robot.neutral` by default.
 
     Raises
     ------
     StackError
         `stack` is not a `Stack`.
+    RobotError
+        A locked joint is unknown, or `at` is no configuration.
 
     """
 
-    def __init__(self, robot: Robot, stack: Stack) -> None:
+    def __init__(self, robot: Robot, stack: Stack, locked: Collection[str] = (),
+                 at: ArrayLike | None = None) -> None:
+        robot = with_locks(robot, locked, robot.neutral() if at is None else at)
         self._robot, self._tasks = robot, PositionStack(robot, check_type(stack))
         self._searches = Searches(robot, self._tasks)
         self._passive, self._turns = robot.passive_neutral, has_whole_turns(robot)
@@ -285,6 +294,7 @@ class PositionSolver:
 
 
 def solve_position(robot: Robot, stack: Stack, goals: Mapping[str, Goal] | None = None,
-                   start: ArrayLike | None = None, **options: Any) -> PositionSolution:
-    """Return the result of `PositionSolver.solve`, for one set of goals; see there."""
-    return PositionSolver(robot, stack).solve(goals, start, **options)
+                   start: ArrayLike | None = None, locked: Collection[str] = (), **options: Any
+                   ) -> PositionSolution:
+    """Return the result of `PositionSolver.solve`, for one set of goals and locks; see there."""
+    return PositionSolver(robot, stack, locked, start).solve(goals, start, **options)

@@ -19,6 +19,7 @@ from tp_controller.control.step import CycleMemory, Problem, step
 from tp_controller.control.task_report import ReportedCycle, TaskReport
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.positions.locked_robot import fixed
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import levels_of, Stack
 from tp_controller.tasks.task import Evaluation, Task
@@ -55,7 +56,7 @@ class RestingCycle(ReportedCycle):
         """Return the search for causes that limit tasks."""
         solved = self._solved
         found = RestingCauses(self._robot, solved.evaluations, solved.cycle, solved.outcome,
-                              solved.place)
+                              solved.place, solved.options.locked)
         found.blocked = frozenset(
             each.task for index, each in enumerate(self.evaluations)
             if self._unmet_above(index) is not None and not found.is_limited(each))
@@ -103,15 +104,17 @@ def reports_at(robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array, 
         Configuration and passive positions [rad or m].
 
     """
-    free = copy(robot)
+    free, still = copy(robot), fixed(robot)
     free.velocity = np.full(robot.n, NO_LIMIT)
     free.acceleration = free.jerk = np.full(robot.n, np.inf)
-    options = CycleOptions(free, Settings(blend=0.0), free.velocity)
+    free.lower, free.upper = (np.where(still, end, limits) for end, limits in (
+        (-np.inf, robot.lower), (np.inf, robot.upper)))
+    options = CycleOptions(free, Settings(blend=0.0), np.where(still, 0.0, free.velocity))
     tasks = Stack([[attempt(task, at_rest, task, goals.get(task.name)) for task in group]
                    for group in stack.active])
     state = robot.state(q, passive)
     evaluations = tasks.evaluate(state, 0.0)
-    cycle = RestingCycle(free, Solved(evaluations, *step(
+    cycle = RestingCycle(free, Solved.after(evaluations, *step(
         Problem(options, levels_of(evaluations), state.positions, 0.0),
         CycleMemory.at_rest(robot.n).fit(options)),
         Place(q, passive, 0.0, robot.state(q, passive)), options))

@@ -200,6 +200,44 @@ def test_cycles_with_jerk_limits_are_those_of_step(delay, scaling):
     assert sum(record is not None for record in records) >= 160
 
 
+def lock_and_unlock(controller, q, cycle):
+    """Set goals, lock two joints and unlock one, in three cycles of a controller."""
+    now = 0.01 * cycle
+    if cycle == 20:
+        controller.lock(['panda_joint1', 'panda_joint4'], now)
+    if cycle == 50:
+        controller.unlock(['panda_joint1'], now)
+    for task in controller.stack.tasks.values() if cycle == 5 else ():
+        if task.type_name in ('joint', 'posture', 'position'):
+            controller.set_goal(task.name, task.value(controller.robot.state(q)) + 0.2, now)
+        elif task.type_name == 'joint_velocity':
+            controller.set_goal(task.name, [1.0], now)
+
+
+@pytest.mark.parametrize('scaling', ['uniform', 'redistribute'])
+@pytest.mark.parametrize('limits', [
+    {}, {'acceleration': 4.0}, {'acceleration': 4.0, 'jerk': 80.0}])
+@pytest.mark.parametrize('name', STACKS)
+def test_cycles_with_locks_are_those_of_step(name, limits, scaling):
+    robot = Robot.from_file(robots.PANDA_DH, limits=dict.fromkeys(panda().joint_names, limits))
+    one, other = pair(STACKS[name], robot, scaling=scaling, blend=0.05)
+    records, q = counting(one), READY + 0.05
+    for cycle in range(60):
+        for controller in (one, other):
+            lock_and_unlock(controller, q, cycle)
+        # From the same memory: differences of rounding must not add up.
+        other._last = Commanded(one._memory)
+        velocity = one.update(q, 0.01 * cycle).velocity
+        close(velocity, other.update(q, 0.01 * cycle).velocity)
+        if isinstance(one._last, CycleRecord):
+            assert (standing := one._last.cycle.standing) == other._last.cycle.standing
+            for found, expected in zip(one._last.cycle.levels, other._last.cycle.levels):
+                close(*(np.delete(level.J, standing, axis=1) for level in (found, expected)))
+        q = robot.integrate(q, velocity, 0.01)
+    assert other._last.cycle.standing == (robot.joint_names.index('panda_joint4'),)
+    assert sum(record is not None for record in records) >= 35
+
+
 @pytest.mark.parametrize('number', range(26))
 def test_random_stacks_are_those_of_step(number, monkeypatch):
     monkeypatch.syspath_prepend(str(REPOSITORY / 'benchmarks'))

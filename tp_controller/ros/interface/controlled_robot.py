@@ -186,7 +186,7 @@ class ControlledRobot:
             if stack is not None and stack.text != self.controller.stack.text:
                 self.use_stack(stack, settings)
             else:
-                with self.controller.lock:
+                with self.controller.mutex:
                     self.controller.settings = settings
                     self._task_parameters.apply(changed)
         except Exception as error:

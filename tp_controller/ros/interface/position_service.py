@@ -49,8 +49,8 @@ class PositionService:
             return response
         q, passive = place
         try:
-            with controller.lock:
-                solver = PositionSolver(controller.robot, controller.stack)
+            with controller.mutex:
+                solver = PositionSolver(controller.robot, controller.stack, controller.locked, q)
             found = solver.solve(start=q, passive=passive, timeout=SEARCH_SECONDS)
             response.success, response.message = found.reached, self._text(found)
         except Exception as error:

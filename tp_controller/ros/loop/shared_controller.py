@@ -14,13 +14,13 @@ Arguments = ParamSpec('Arguments')
 Result = TypeVar('Result')
 
 
-def _locked(method: Callable[Concatenate[Any, Arguments], Result]
-            ) -> Callable[Concatenate['SharedController', Arguments], Result]:
-    """Return a method of `Controller` that acquires the lock."""
+def _exclusive(method: Callable[Concatenate[Any, Arguments], Result]
+               ) -> Callable[Concatenate['SharedController', Arguments], Result]:
+    """Return a method of `Controller` that acquires the mutex."""
     @wraps(method)
     def call(self: 'SharedController', *arguments: Arguments.args,
              **keys: Arguments.kwargs) -> Result:
-        with self.lock:
+        with self.mutex:
             return method(self, *arguments, **keys)
     return call
 
@@ -34,30 +34,32 @@ class SharedController(Controller):
 
     Attributes
     ----------
-    lock : threading.RLock
+    mutex : threading.RLock
         Lock for several calls that act in the same cycle.
 
     """
 
     def __init__(self, *arguments: Any, **keys: Any) -> None:
-        self.lock = RLock()
+        self.mutex = RLock()
         super().__init__(*arguments, **keys)
 
-    update = _locked(Controller.update)
-    halt = _locked(Controller.halt)
-    slow_down = _locked(Controller.slow_down)
-    forget_goals = _locked(Controller.forget_goals)
-    restart = _locked(Controller.restart)
-    replace_stack = _locked(Controller.replace_stack)
-    set_goal = _locked(Controller.set_goal)
-    set_feed_forward = _locked(Controller.set_feed_forward)
-    cancel_trajectory = _locked(Controller.cancel_trajectory)
+    update = _exclusive(Controller.update)
+    halt = _exclusive(Controller.halt)
+    slow_down = _exclusive(Controller.slow_down)
+    forget_goals = _exclusive(Controller.forget_goals)
+    restart = _exclusive(Controller.restart)
+    replace_stack = _exclusive(Controller.replace_stack)
+    set_goal = _exclusive(Controller.set_goal)
+    set_feed_forward = _exclusive(Controller.set_feed_forward)
+    cancel_trajectory = _exclusive(Controller.cancel_trajectory)
     # `set_trajectory` reads its values before: up to 10,000 of them.
-    _pose_of = _locked(Controller._pose_of)
-    _begin = _locked(Controller._begin)
-    _begin_checked = _locked(Controller._begin_checked)
-    enable = _locked(Controller.enable)
-    set_gain = _locked(Controller.set_gain)
-    set_velocity_limits = _locked(Controller.set_velocity_limits)
-    set_tolerance = _locked(Controller.set_tolerance)
-    configuration = _locked(Controller.configuration)
+    _pose_of = _exclusive(Controller._pose_of)
+    _begin = _exclusive(Controller._begin)
+    _begin_checked = _exclusive(Controller._begin_checked)
+    enable = _exclusive(Controller.enable)
+    set_gain = _exclusive(Controller.set_gain)
+    set_velocity_limits = _exclusive(Controller.set_velocity_limits)
+    lock = _exclusive(Controller.lock)
+    unlock = _exclusive(Controller.unlock)
+    set_tolerance = _exclusive(Controller.set_tolerance)
+    configuration = _exclusive(Controller.configuration)
