@@ -150,6 +150,60 @@ def bounded_lexicographic(levels, n, lower=None, upper=None, weights=None):
     return constrained_lstsq(root, np.zeros(n), G, least, most, equations, x)
 
 
+def masked_lexicographic(levels, n, lower=None, upper=None, weights=None):
+    """
+    Return the exact solution (n,) of a hierarchy within bounds whose levels have masks.
+
+    A level with a mask finds the joints where those above need the least motion. Over the joints
+    of its mask alone it is minimised, as in `bounded_lexicographic`; its motion is the shortest
+    of those that do that, and counts as its own: at last Σ w_j (x_j − own_j)² is minimised.
+
+    Parameters
+    ----------
+    levels : list of (mask, J, v) or (mask, J, lower, upper)
+        The highest priority first; a mask is (n,) of bool, or None for all joints.
+    n, lower, upper, weights
+        See `bounded_lexicographic`.
+
+    """
+    lower = np.full(n, -np.inf) if lower is None else np.asarray(lower, float)
+    upper = np.full(n, np.inf) if upper is None else np.asarray(upper, float)
+    x, own = np.clip(np.zeros(n), lower, upper), np.zeros(n)
+    G, least, most, equations = np.eye(n), lower, upper, np.zeros((0, n))
+    root = np.diag(np.ones(n) if weights is None else np.sqrt(weights))
+    begun = False
+
+    def shortened(origin, *fixed):
+        return constrained_lstsq(root, root @ origin, G, least, most,
+                                 np.concatenate([equations, *fixed]), x)
+
+    for mask, J, *demand in levels:
+        held, origin = np.zeros((0, n)), x
+        if mask is not None:
+            held, x = np.eye(n)[~mask], shortened(own)
+            # A first demand begins at rest.
+            origin = x if begun or len(demand) == 2 else np.where(mask, own, x)
+        m, kept = len(J), np.concatenate([equations, held])
+        if len(demand) == 1:
+            x = constrained_lstsq(J, demand[0], G, least, most, kept, x)
+            equations, begun = np.concatenate([equations, J]), True
+        else:
+            slack = np.clip(J @ x, *demand) - J @ x
+            whole = constrained_lstsq(
+                np.hstack([np.zeros((m, n)), np.eye(m)]), np.zeros(m),
+                np.block([[G, np.zeros((len(G), m))], [J, np.eye(m)]]),
+                np.concatenate([least, demand[0]]), np.concatenate([most, demand[1]]),
+                np.hstack([kept, np.zeros((len(kept), m))]), np.concatenate([x, slack]))
+            x, violation = whole[:n], -whole[n:]
+            G = np.concatenate([G, J])
+            least = np.concatenate([least, demand[0] + np.minimum(violation, 0.0)])
+            most = np.concatenate([most, demand[1] + np.maximum(violation, 0.0)])
+        if mask is not None:
+            x = shortened(origin, held)
+            own = own + x - origin
+    return shortened(own)
+
+
 def constrained_lstsq(A, b, G, least, most, equations, x):
     """
     Return an x that minimises ‖A x − b‖ with least ≤ G x ≤ most, and `equations` x unchanged.

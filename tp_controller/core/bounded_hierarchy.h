@@ -18,10 +18,12 @@ constexpr double SOFTEST = 1e-8;
 
 class BoundedHierarchy {
  public:
-  BoundedHierarchy(Arena &arena, Polytope &allowed, const Damping &damping,
+  // `weights` (n,) of the joints; none where null.
+  BoundedHierarchy(Arena &arena, Polytope &allowed, const Damping &damping, const double *weights,
                    std::vector<Above> &above, const Shared &shared)
       : arena_(arena), shared_(shared), allowed_(allowed), n_(allowed.n), damping_(damping),
-        first_(damping.first()), rest_(arena.zeros(n_)), x_(arena.take(n_)), above_(above) {
+        first_(damping.first()), weights_(weights), rest_(arena.zeros(n_)), own_(rest_),
+        x_(arena.take(n_)), above_(above) {
     above_.clear();
     allowed.clip(rest_, x_);
     Z_ = {arena.zeros(size_t(n_) * n_), n_, n_};
@@ -37,7 +39,7 @@ class BoundedHierarchy {
   Progress progress() const {
     return {arena_.copy(x_, n_), Z_, relaxed_, above_.size(), allowed_.count,
             arena_.copy(allowed_.row_lower, allowed_.count),
-            arena_.copy(allowed_.row_upper, allowed_.count)};
+            arena_.copy(allowed_.row_upper, allowed_.count), own_, shortened_};
   }
 
   // Take back the levels since then.
@@ -45,26 +47,29 @@ class BoundedHierarchy {
     std::copy(then.x, then.x + n_, x_);
     Z_ = then.Z;
     relaxed_ = then.relaxed;
+    own_ = then.own;
+    shortened_ = then.shortened;
     above_.erase(above_.begin() + std::ptrdiff_t(then.above), above_.end());
     allowed_.count = then.rows;
     std::copy(then.row_lower, then.row_lower + then.rows, allowed_.row_lower);
     std::copy(then.row_upper, then.row_upper + then.rows, allowed_.row_upper);
   }
 
-  // With what the level can move, where that is known.
+  // With what a level without a mask can move, where that is known.
   Step carry_out(const Level &level, double c, const Directions *known = nullptr) {
-    const Directions its = known ? *known
+    const Decomposed others = hold(level);
+    const Directions whole = known ? *known
         : above_.size() < shared_.count ? shared_.directions[above_.size()]
         : Decomposition(arena_, level, Z_, above_.empty(), !relaxed_).found();
+    const Directions its = !level.joints ? whole
+        : Decomposition(arena_, level, others.its.free(), false, !relaxed_).found();
     const int rank = its.rank;
     double *gains = arena_.take(rank), *step = arena_.take(rank), *missing = arena_.take(level.m);
     damping().gains(its.s, rank, c, gains);
-    const double *origin = rest_;
+    const double *origin = origin_of(level);
     std::copy(level.v, level.v + level.m, missing);
-    if (!above_.empty()) {
-      origin = x_;
-      less(level, missing);
-    }
+    if (origin != rest_) less(level, origin, missing);
+    const double *start = arena_.copy(origin, n_);
     its.seen(missing, step);
     for (int i = 0; i < rank; ++i) step[i] *= gains[i];
     const double *multipliers = nullptr;
@@ -72,6 +77,7 @@ class BoundedHierarchy {
       multipliers = level.scale ? keep_direction(level, its, gains, c)
                                 : come_near(origin, its.Q, step, its.s, rank, c);
     Step found;
+    if (above_.empty() ? origin != rest_ : shortened_) found.origin = start;
     double *followed = arena_.take(rank);
     for (int i = 0; i < rank; ++i) followed[i] = its.s[i] * gains[i];
     const bool met = !multipliers && rank == level.m
@@ -79,15 +85,19 @@ class BoundedHierarchy {
     found.level = &level;
     found.directions = its;
     found.followed = followed;
-    found.bend = met ? 0.0 : bend_of(level, its, multipliers);
+    found.bend = met ? 0.0 : bend_of(level, its, multipliers, others);
     apart(multipliers, found);
-    leave(its, found);
-    above_.push_back({&level, its});
+    leave(whole, found);
+    above_.push_back({&level, whole});
     found.velocity = arena_.copy(x_, n_);
+    keep(level, start);
     return found;
   }
 
   Step satisfy(const Level &level, double c) {
+    const Decomposed others = hold(level);
+    const Columns Z = level.joints ? others.its.free() : Z_;
+    const double *start = arena_.copy(x_, n_);
     const int m = level.m, n = n_, before = allowed_.count;
     double *rows = allowed_.rows + size_t(before) * n, *lengths = allowed_.lengths + before;
     double *lower = allowed_.row_lower + before, *upper = allowed_.row_upper + before;
@@ -108,7 +118,7 @@ class BoundedHierarchy {
     found.level = &level;
     const double *multipliers = nullptr;
     if (!met) {
-      multipliers = meet(m, value, c);
+      multipliers = meet(Z, m, value, c);
       for (int i = 0; i < m; ++i) {
         const double now = dot(rows + size_t(i) * n, x_, n);
         lower[i] = std::min(lower[i], now);
@@ -116,44 +126,77 @@ class BoundedHierarchy {
       }
     }
     allowed_.count += m;
-    if (multipliers) found.bend = bend_against(arena_.zeros(n), multipliers);
+    if (multipliers) found.bend = bend_against(arena_.zeros(n), multipliers, others);
     apart(multipliers, found);
     found.velocity = arena_.copy(x_, n);
+    keep(level, start);
     return found;
   }
 
-  void finish(const double *weights) {
-    if (!above_.empty() && above_.back().level->is_identity) return;
-    Columns Z = relaxed_ ? null_space() : Z_;
-    if (Z.k == 0) return;
-    // One more level: √w_j x_j = 0.
-    double *cost = nullptr;
-    if (weights) {
-      cost = arena_.zeros(size_t(n_) * n_);
-      for (int j = 0; j < n_; ++j) cost[size_t(j) * n_ + j] = std::sqrt(weights[j]);
-    }
-    const Level level = {n_, n_, false, false, !weights, cost, rest_, nullptr, nullptr};
-    const Directions its = Decomposition(arena_, level, Z, false, true).found();
-    double *achieved = arena_.take(n_), *step = arena_.take(its.Q.k);
-    double *stiffness = arena_.take(its.Q.k);
-    level.times(x_, achieved);
-    its.seen(achieved, step);
-    for (int i = 0; i < its.rank; ++i) {
-      step[i] /= -its.s[i];
-      stiffness[i] = its.s[i] * its.s[i];
-    }
-    if (take(x_, its.Q, step, its.rank)) return;
-    move(x_, its.Q, nearest(arena_, stiffness, step, allowed_.along(arena_, x_, its.Q, 0, 0)));
+  void finish() {
+    if (above_.empty() || !above_.back().level->is_identity) shorten(null_space(), own_);
   }
 
  private:
   const Damping &damping() const { return above_.empty() ? first_ : damping_; }
 
   // w ← w − J x
-  void less(const Level &level, double *w) const {
+  void less(const Level &level, const double *x, double *w) const {
     double *achieved = arena_.take(level.m);
-    level.times(x_, achieved);
+    level.times(x, achieved);
     add(-1.0, achieved, w, level.m);
+  }
+
+  // The velocities (n,) at which the step of a level with a demand begins.
+  const double *origin_of(const Level &level) const {
+    if (!above_.empty()) return x_;
+    if (!level.joints) return own_;
+    double *found = arena_.take(n_);
+    for (int j = 0; j < n_; ++j) found[j] = level.joints[j] != 0.0 ? own_[j] : x_[j];
+    return found;
+  }
+
+  // Prepare x for a level with a mask; the joints that it holds.
+  Decomposed hold(const Level &level) {
+    if (!level.joints) return Decomposed();
+    shorten(null_space(), own_);
+    return held(arena_, level.joints, Z_);
+  }
+
+  // Shorten the step of a level with a mask from `origin`, and keep it.
+  void keep(const Level &level, const double *origin) {
+    shortened_ = false;
+    if (!level.joints) return;
+    shorten(held(arena_, level.joints, null_space()).its.free(), origin);
+    double *own = arena_.copy(own_, n_);
+    add(1.0, x_, own, n_);
+    add(-1.0, origin, own, n_);
+    own_ = own;
+  }
+
+  // Move x along Z so that Σ w_j (x_j − origin_j)² is least.
+  void shorten(const Columns &Z, const double *origin) {
+    if (Z.k == 0) return;
+    shortened_ = true;
+    // One more level: √w_j (x_j − origin_j) = 0.
+    double *cost = nullptr;
+    if (weights_) {
+      cost = arena_.zeros(size_t(n_) * n_);
+      for (int j = 0; j < n_; ++j) cost[size_t(j) * n_ + j] = std::sqrt(weights_[j]);
+    }
+    const Level level = {n_, n_, false, false, !weights_, cost, rest_, nullptr, nullptr};
+    const Directions its = Decomposition(arena_, level, Z, false, true).found();
+    double *way = arena_.copy(x_, n_), *cost_of = arena_.take(n_), *step = arena_.take(its.Q.k);
+    double *stiffness = arena_.take(its.Q.k);
+    add(-1.0, origin, way, n_);
+    level.times(way, cost_of);
+    its.seen(cost_of, step);
+    for (int i = 0; i < its.rank; ++i) {
+      step[i] /= -its.s[i];
+      stiffness[i] = its.s[i] * its.s[i];
+    }
+    if (take(x_, its.Q, step, its.rank)) return;
+    move(x_, its.Q, nearest(arena_, stiffness, step, allowed_.along(arena_, x_, its.Q, 0, 0)));
   }
 
   // Move to origin + Q step if that is allowed; say whether it was.
@@ -263,18 +306,19 @@ class BoundedHierarchy {
     found.relaxed = Z_;
   }
 
-  double bend_of(const Level &level, const Directions &its, const double *multipliers) {
+  double bend_of(const Level &level, const Directions &its, const double *multipliers,
+                 const Decomposed &others) {
     double *missed = arena_.copy(level.v, level.m), *force = arena_.zeros(n_);
-    less(level, missed);
+    less(level, x_, missed);
     const double push = norm(missed, level.m);
     if (push <= NEGLIGIBLE * norm(level.v, level.m)) return 0.0;
     double h = level.is_identity ? 0.0 : bend(its.size, push);
     level.add_transposed(1.0, missed, force);
-    return h + bend_against(force, multipliers);
+    return h + bend_against(force, multipliers, others);
   }
 
   // The part of h from bounds and the levels above, against a force (n), which it overwrites.
-  double bend_against(double *force, const double *multipliers) {
+  double bend_against(double *force, const double *multipliers, const Decomposed &others) {
     double h = 0.0;
     if (multipliers) {
       add(-1.0, multipliers, force, n_);
@@ -282,30 +326,37 @@ class BoundedHierarchy {
       for (int i = 0; i < allowed_.count; ++i) add(-of_rows[i], allowed_.row(i), force, n_);
       h = bend_of_rows(allowed_.lengths, of_rows, allowed_.count);
     }
+    // Joints outside a mask balance a part of the force without curvature.
+    balance(others.level, others.its, 0.0, force);
     const double half = 0.5 * damping_.release_region, softest = half * half;
     for (size_t index = above_.size(); index-- > 0;) {
       const Directions &those = above_[index].its;
-      double *mu = arena_.take(those.rank), *pushed = arena_.zeros(those.m);
-      for (int i = 0; i < those.rank; ++i) {
-        mu[i] = dot(force, those.Q[i], n_) / (those.s[i] + softest / those.s[i]);
-        add(mu[i], those.task(i), pushed, those.m);
-      }
-      h += bend(those.size, norm(mu, those.rank));
-      if (index > 0) above_[index].level->add_transposed(-1.0, pushed, force);
+      h += bend(those.size, balance(*above_[index].level, those, softest, force));
     }
     return h;
   }
 
+  // Subtract from a force (n,) the part that a level balances; return the norm of its multipliers.
+  double balance(const Level &level, const Directions &its, double softest, double *force) {
+    double *mu = arena_.take(its.rank), *pushed = arena_.zeros(its.m);
+    for (int i = 0; i < its.rank; ++i) {
+      mu[i] = dot(force, its.Q[i], n_) / (its.s[i] + softest / its.s[i]);
+      add(mu[i], its.task(i), pushed, its.m);
+    }
+    level.add_transposed(-1.0, pushed, force);
+    return norm(mu, its.rank);
+  }
+
   // Move x to within bounds on what the next m rows gain; return multipliers where it cannot.
-  const double *meet(int m, const double *value, double c) {
-    const int before = allowed_.count, k = Z_.k;
+  const double *meet(const Columns &Z, int m, const double *value, double c) {
+    const int before = allowed_.count, k = Z.k;
     const double *rows = allowed_.rows + size_t(before) * n_;
     double *G = arena_.take(size_t(m) * k), *lower = arena_.take(m), *upper = arena_.take(m);
     double *asked = arena_.take(m);
     for (int i = 0; i < m; ++i) {
       double square = 0.0;
       for (int j = 0; j < k; ++j) {
-        const double each = dot(rows + size_t(i) * n_, Z_[j], n_);
+        const double each = dot(rows + size_t(i) * n_, Z[j], n_);
         G[size_t(i) * k + j] = each;
         square += each * each;
       }
@@ -314,28 +365,28 @@ class BoundedHierarchy {
       asked[i] = std::max(std::max(lower[i], -upper[i]), 0.0);
       if (!damping_.off()) reduce(lower[i], upper[i], square / (ROW_DAMPING * ROW_DAMPING));
     }
-    if (nearest_step(m, G, lower, upper, asked)) return nullptr;
+    if (nearest_step(Z, m, G, lower, upper, asked)) return nullptr;
     touch_all();
     // One more variable for each row: what is missing to its bound.
-    const Program soft = with_rows(m, m, G, lower, upper);
+    const Program soft = with_rows(Z, m, m, G, lower, upper);
     double *stiffness = arena_.take(soft.k), *target = arena_.zeros(soft.k);
     const double mu = damping_.regularisation;
     for (int j = 0; j < k; ++j) {
       stiffness[j] = std::max(c, mu * mu);
-      target[j] = -dot(Z_[j], x_, n_);
+      target[j] = -dot(Z[j], x_, n_);
     }
     for (int i = 0; i < m; ++i) {
       const double length = allowed_.lengths[before + i];
       stiffness[k + i] = length * length;
     }
     const Answer least = regularised(arena_, stiffness, target, soft, 0.0, target);
-    return move(x_, Z_, least);
+    return move(x_, Z, least);
   }
 
   // Take the smallest step within bounds on what m rows gain; say whether there is one.
-  bool nearest_step(int m, const double *G, const double *lower, const double *upper,
-                    const double *asked) {
-    const Program program = with_rows(m, 0, G, lower, upper);
+  bool nearest_step(const Columns &Z, int m, const double *G, const double *lower,
+                    const double *upper, const double *asked) {
+    const Program program = with_rows(Z, m, 0, G, lower, upper);
     const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
     // No looser tolerance may find it.
     if (!nearest_point(arena_, arena_.zeros(program.k), program, nullptr, 1.0, found, FEASIBLE))
@@ -349,19 +400,19 @@ class BoundedHierarchy {
           && share * std::abs(found.multipliers[program.rows - m + i]) > asked[i];
     if (dear && !damping_.off()) {
       touch_all();
-      ease(m, G, lower, upper, asked);
+      ease(Z, m, G, lower, upper, asked);
     } else {
-      move(x_, Z_, found);
+      move(x_, Z, found);
     }
     return true;
   }
 
   // Move x towards bounds on what m rows gain, at a multiplier of at most asked / ROW_DAMPING².
   // Each may lack w, from 0 to what it asks for: least ‖a‖² + Σ (w + dearest)².
-  void ease(int m, const double *G, const double *lower, const double *upper,
+  void ease(const Columns &Z, int m, const double *G, const double *lower, const double *upper,
             const double *asked) {
-    const int k = Z_.k;
-    const Program program = allowed_.along(arena_, x_, Z_, 2 * m, m);
+    const int k = Z.k;
+    const Program program = allowed_.along(arena_, x_, Z, 2 * m, m);
     double *target = arena_.zeros(program.k);
     for (int i = 0; i < m; ++i) {
       const int at = program.rows - 2 * m + i;
@@ -377,7 +428,7 @@ class BoundedHierarchy {
     }
     const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
     if (nearest_point(arena_, target, program, nullptr, 1.0, found, FEASIBLE))
-      move(x_, Z_, found);
+      move(x_, Z, found);
   }
 
   // Demand a share, of at most 1, of what bounds demand.
@@ -388,20 +439,23 @@ class BoundedHierarchy {
   }
 
   // All that is allowed, and m rows more; with one variable more for each of them, or none.
-  Program with_rows(int m, int more, const double *G, const double *lower, const double *upper) {
-    Program program = allowed_.along(arena_, x_, Z_, m, more);
+  Program with_rows(const Columns &Z, int m, int more, const double *G, const double *lower,
+                    const double *upper) {
+    Program program = allowed_.along(arena_, x_, Z, m, more);
     for (int i = 0; i < m; ++i) {
       const int at = n_ + allowed_.count + i;
       double *row = program.A + size_t(at) * program.k;
-      std::copy(G + size_t(i) * Z_.k, G + size_t(i + 1) * Z_.k, row);
-      if (more) row[Z_.k + i] = 1.0;
+      std::copy(G + size_t(i) * Z.k, G + size_t(i + 1) * Z.k, row);
+      if (more) row[Z.k + i] = 1.0;
       program.lower[at] = lower[i];
       program.upper[at] = upper[i];
     }
     return program;
   }
 
+  // The null space of all levels, without relaxed directions.
   Columns null_space() {
+    if (!relaxed_) return Z_;
     Columns Z = identity_;
     for (const Above &each : above_)
       Z = remaining(arena_, Decomposition(arena_, *each.level, Z, false, true).found(), 0.0, 0.0);
@@ -413,10 +467,13 @@ class BoundedHierarchy {
   Polytope &allowed_;
   int n_;
   Damping damping_, first_;
-  double *rest_, *x_;
+  const double *weights_;
+  double *rest_;
+  const double *own_;                    // steps of levels with a mask
+  double *x_;
   Columns Z_, identity_;
   std::vector<Above> &above_;
-  bool relaxed_ = false;
+  bool relaxed_ = false, shortened_ = false;  // x, since the last level
   int *touched_ = nullptr;
 };
 

@@ -297,7 +297,8 @@ class Causes {
   // The directions of a task by itself.
   Directions alone_of(const Part &part, const Level &level) {
     const std::vector<Step> &steps = variants_.lasting().steps;
-    if (part.level == 0 && !level.bounded && !steps.empty() && level.m == cycle_.levels[0].m)
+    if (part.level == 0 && !level.bounded && !level.joints && !steps.empty()
+        && level.m == cycle_.levels[0].m)
       return steps[0].directions;
     if (!everything_.p) {
       everything_ = {arena_.zeros(size_t(n_) * n_), n_, n_};

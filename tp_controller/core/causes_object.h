@@ -45,18 +45,18 @@ class RecordReader {
 
   // The next step, as `Record` writes it.
   Step step(const Level &level) {
-    const double *head = take(8);
+    const double *head = take(9);
     const int n = level.n, rank = count(head[1]);
     Step found;
     Directions &its = found.directions;
     its.m = level.bounded ? 0 : level.m;
     its.rank = rank;
-    its.size = head[6];
+    its.size = head[7];
     its.Q = {nullptr, n, count(head[2])};
     need(rank <= std::min(its.m, its.Q.k) && its.Q.k <= n);
     found.level = &level;
     found.is_relaxed = head[3] >= 0.0;
-    found.bend = head[7];
+    found.bend = head[8];
     found.velocity = take(n);
     its.U = take(size_t(its.m) * rank);
     its.s = take(rank);
@@ -65,6 +65,7 @@ class RecordReader {
     if (found.is_relaxed) found.relaxed = {take(size_t(n) * count(head[3])), n, count(head[3])};
     if (head[4] != 0.0) found.multipliers = take(n);
     if (head[5] >= 0.0) found.row_multipliers = take(found.rows = count(head[5]));
+    if (head[6] != 0.0) found.origin = take(n);
     return found;
   }
 

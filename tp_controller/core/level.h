@@ -17,6 +17,7 @@ struct Level {
   int m, n;
   bool bounded, scale, is_identity;
   const double *J, *v, *lower, *upper;   // J row by row; none where it is the identity
+  const double *joints = nullptr;        // 0 for those that its step may not move; none: it may all
 
   const double *row(int i) const { return J + size_t(i) * n; }
 

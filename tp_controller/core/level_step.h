@@ -19,6 +19,7 @@ struct Step {
   const double *multipliers = nullptr, *row_multipliers = nullptr;
   int rows = 0;
   double bend = 0.0;
+  const double *origin = nullptr;
 };
 
 // Levels with a demand, and what they could move.
@@ -40,7 +41,17 @@ struct Progress {
   bool relaxed;
   size_t above;
   int rows;
-  const double *row_lower, *row_upper;
+  const double *row_lower, *row_upper, *own;
+  bool shortened;
 };
+
+// Add the directions of the first levels with a demand, down to one with a mask: it has others.
+inline void share(const std::vector<Step> &steps, std::vector<Directions> &directions) {
+  for (const Step &step : steps) {
+    if (step.level->bounded) continue;
+    if (step.level->joints) return;
+    directions.push_back(step.directions);
+  }
+}
 
 }  // namespace

@@ -25,6 +25,9 @@ struct Directions {
 
   const double *task(int i) const { return U + size_t(i) * m; }
 
+  // The motions of the null space.
+  Columns free() const { return {Q[rank], Q.n, Q.k - rank}; }
+
   // y ← Uᵀ w
   void seen(const double *w, double *y) const {
     for (int i = 0; i < rank; ++i) y[i] = dot(task(i), w, m);
@@ -208,10 +211,27 @@ class Decomposition {
   Directions found_;
 };
 
+// A level and its directions.
+struct Decomposed {
+  Level level;
+  Directions its;
+};
+
+// The joints outside a mask (n,) as a level, and its directions in what Z spans: its null space are
+// the motions of the joints of the mask alone.
+Decomposed held(Arena &arena, const double *joints, const Columns &Z) {
+  const int n = Z.n, m = int(std::count(joints, joints + n, 0.0));
+  double *J = arena.zeros(size_t(m) * n);
+  for (int j = 0, row = 0; j < n; ++j)
+    if (joints[j] == 0.0) J[size_t(row++) * n + j] = 1.0;
+  const Level level = {m, n, false, false, false, J, nullptr, nullptr, nullptr};
+  return {level, Decomposition(arena, level, Z, false, true).found()};
+}
+
 Columns remaining(Arena &arena, const Directions &of, double region, double damping) {
   const Columns &Q = of.Q;
   const int rank = of.rank;
-  if (rank == 0 || of.s[rank - 1] >= region) return {Q[rank], Q.n, Q.k - rank};
+  if (rank == 0 || of.s[rank - 1] >= region) return of.free();
   int weak = 0;
   while (of.s[weak] >= region) ++weak;
   Columns left = {arena.copy(Q[weak], size_t(Q.n) * (Q.k - weak)), Q.n, Q.k - weak};

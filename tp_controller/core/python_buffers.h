@@ -103,6 +103,21 @@ class Buffer {
   bool fits_ = false;
 };
 
+// Read booleans (size,) as numbers 0 and 1; false where they are none.
+inline bool read_mask(PyObject *object, Py_ssize_t size, double *found) {
+  Py_buffer view;
+  if (PyObject_GetBuffer(object, &view, PyBUF_STRIDES | PyBUF_FORMAT) != 0) {
+    PyErr_Clear();
+    return false;
+  }
+  const bool fits = view.format && view.format[0] == '?' && view.format[1] == '\0'
+      && view.ndim == 1 && view.shape[0] == size;
+  for (Py_ssize_t i = 0; fits && i < size; ++i)
+    found[i] = static_cast<const char *>(view.buf)[i * view.strides[0]] ? 1.0 : 0.0;
+  PyBuffer_Release(&view);
+  return fits;
+}
+
 // An array of doubles, in the order of C, that is filled in.
 class Output : public Buffer {
  public:

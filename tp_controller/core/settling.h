@@ -105,9 +105,7 @@ class Settling {
     settled_ = memory_;
     above_ = solver_.above;
     std::vector<Directions> &directions = solver_.shared.directions;
-    if (directions.empty())
-      for (const Step &step : found_.steps)
-        if (!step.level->bounded) directions.push_back(step.directions);
+    if (directions.empty()) share(found_.steps, directions);
     return found_;
   }
 
@@ -233,7 +231,7 @@ class Settling {
         return step;
       }
       if (is_fast_) continue;
-      known = step.directions;
+      if (!level.joints) known = step.directions;
       hierarchy.return_to(before);
     }
   }

@@ -94,7 +94,7 @@ class Solver {
 
   // For levels one after the other, and then `finish`.
   BoundedHierarchy hierarchy(Polytope &allowed) {
-    return BoundedHierarchy(arena, allowed, options_.damping, above, shared);
+    return BoundedHierarchy(arena, allowed, options_.damping, weights(), above, shared);
   }
 
   void finish(BoundedHierarchy &hierarchy, const double *lower, const double *upper) {
@@ -116,6 +116,8 @@ class Solver {
   }
 
   bool find_free(double period, double *free) {
+    if (std::any_of(levels.begin(), levels.end(), [](const Level &l) { return l.joints; }))
+      return false;
     demands_.clear();
     demands_curved_.clear();
     for (size_t l = 0; l < levels.size(); ++l) {
@@ -166,7 +168,7 @@ class Solver {
 
   void finish(BoundedHierarchy &hierarchy, double *found) const {
     const int n = options_.n;
-    hierarchy.finish(weights());
+    hierarchy.finish();
     std::copy(hierarchy.x(), hierarchy.x() + n, found);
     if (!std::isfinite(dot(found, found, n))) throw Unsolved();
   }

@@ -13,7 +13,7 @@
 namespace {
 
 // Names of the attributes of a `Level`.
-PyObject *J_NAME, *V_NAME, *MODE_NAME, *LOWER_NAME, *UPPER_NAME, *IDENTITY_NAME;
+PyObject *J_NAME, *V_NAME, *MODE_NAME, *LOWER_NAME, *UPPER_NAME, *IDENTITY_NAME, *JOINTS_NAME;
 
 void need(bool fine) {
   if (!fine) throw Unsolved();
@@ -62,7 +62,8 @@ Level read_level(Arena &arena, PyObject *object, int n) {
   const Held J(PyObject_GetAttr(object, J_NAME)), v(PyObject_GetAttr(object, V_NAME));
   const Held mode(PyObject_GetAttr(object, MODE_NAME));
   const Held identity(PyObject_GetAttr(object, IDENTITY_NAME));
-  if (!J || !v || !mode || !identity) {
+  const Held joints(PyObject_GetAttr(object, JOINTS_NAME));
+  if (!J || !v || !mode || !identity || !joints) {
     PyErr_Clear();
     throw Unsolved();
   }
@@ -70,6 +71,11 @@ Level read_level(Arena &arena, PyObject *object, int n) {
   Level level = {0, n, v == Py_None, false, false, nullptr, nullptr, nullptr, nullptr};
   level.scale = PyUnicode_CompareWithASCIIString(mode, "scale") == 0;
   level.is_identity = is_true(identity);
+  if (joints != Py_None) {
+    double *mask = arena.take(n);
+    need(read_mask(joints, n, mask));
+    level.joints = mask;
+  }
   {
     const Buffer buffer(J);
     need(buffer.rows(2) >= 0);
@@ -124,14 +130,15 @@ class Record {
   }
 
  private:
-  static constexpr int HEAD = 8;
+  static constexpr int HEAD = 9;
 
   size_t count(const Step &step) const {
     const Directions &its = step.directions;
     return HEAD + n_ + size_t(its.m + 2) * its.rank
         + size_t(n_) * (step.level->bounded ? 0 : its.Q.k)
         + (step.is_relaxed ? size_t(n_) * step.relaxed.k : 0)
-        + (step.multipliers ? n_ : 0) + (step.row_multipliers ? step.rows : 0);
+        + (step.multipliers ? n_ : 0) + (step.row_multipliers ? step.rows : 0)
+        + (step.origin ? n_ : 0);
   }
 
   void put(const Step &step) {
@@ -140,7 +147,8 @@ class Record {
     const double head[HEAD] = {
         demand ? double(its.m) : -1.0, double(its.rank), demand ? double(its.Q.k) : 0.0,
         step.is_relaxed ? double(step.relaxed.k) : -1.0, step.multipliers ? 1.0 : 0.0,
-        step.row_multipliers ? double(step.rows) : -1.0, its.size, step.bend};
+        step.row_multipliers ? double(step.rows) : -1.0, step.origin ? 1.0 : 0.0, its.size,
+        step.bend};
     put(head, HEAD);
     put(step.velocity, n_);
     put(its.U, size_t(its.m) * its.rank);
@@ -150,6 +158,7 @@ class Record {
     if (step.is_relaxed) put(step.relaxed.p, size_t(n_) * step.relaxed.k);
     if (step.multipliers) put(step.multipliers, n_);
     if (step.row_multipliers) put(step.row_multipliers, step.rows);
+    if (step.origin) put(step.origin, n_);
   }
 
   void put(const double *from, size_t count) {
@@ -276,7 +285,7 @@ PyMethodDef SOLVER_METHODS[] = {
 bool intern_level_names() {
   return intern(J_NAME, "J") && intern(V_NAME, "v") && intern(MODE_NAME, "mode")
       && intern(LOWER_NAME, "lower") && intern(UPPER_NAME, "upper")
-      && intern(IDENTITY_NAME, "is_identity");
+      && intern(IDENTITY_NAME, "is_identity") && intern(JOINTS_NAME, "joints");
 }
 
 }  // namespace

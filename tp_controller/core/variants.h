@@ -72,8 +72,7 @@ class Variants {
   Variants(Solver &solver, Solver &undamped, const Limits &limits, const SolvedCycle &cycle)
       : solver_(solver), undamped_(undamped), limits_(limits), cycle_(cycle),
         transient_(limits.limits.has_transient()), settling_(solver) {
-    for (const Step &step : cycle.steps)
-      if (!step.level->bounded) solver.shared.directions.push_back(step.directions);
+    ::share(cycle.steps, solver.shared.directions);
     solver.levels = cycle.levels;
     solver.remember_free(cycle.hold);
     double *lower = arena().take(solver.n()), *upper = arena().take(solver.n());

@@ -17,9 +17,17 @@ The remaining null space is Z ← Z V_null. The first level begins at rest, so t
 exclude zero change its step no more than necessary. A level with bounds moves x to satisfy them;
 its rows constrain all levels below. No level depends on those below it.
 
+A level with a mask of its joints, `Level.joints`, has two matrices: it steps within
+Z' = Z null(E Z), where E selects the other joints, and leaves the null space of J Z. It begins
+where the levels above need the least motion, and takes the shortest of the steps that meet it as
+well. The sum x° of these steps is its own: the motion that is minimised at last is
+Σ w_j (x_j − x°_j)², so that no other joint takes over.
+
 Sources: lecture 2.1, 2.2, 3.1, 4; lab exercise 2 [8]; wiki [8]–[15], [20]–[28]; slides (7)–(10);
 notes [4], [6], [8]–[11].
 """
+
+from typing import TypeAlias
 
 import numpy as np
 from tp_controller.solver.active_set import ActiveSet
@@ -37,6 +45,7 @@ from tp_controller.solver.level import (
 from tp_controller.solver.null_space import (
     decompose,
     Directions,
+    held,
     null_space,
     remaining,
 )
@@ -50,6 +59,9 @@ ROW_DAMPING = 0.1
 # μ² below this share of the largest stiffness counts as 0. A share of 1e-28, in units that do not
 # suit μ, costs a program all digits of its bounds, and levels above 2 % of their velocity.
 SOFTEST = 1e-8
+
+# A level and its directions.
+Decomposed: TypeAlias = tuple[Level, Directions]
 
 
 class BoundedHierarchy:
@@ -67,13 +79,15 @@ class BoundedHierarchy:
 
     """
 
-    def __init__(self, allowed: Polytope, damping: Damping) -> None:
-        self.allowed, self._damping = allowed, damping
-        self._rest = np.zeros(len(allowed.lower))
-        self.x = allowed.clip(self._rest)
+    def __init__(self, allowed: Polytope, damping: Damping, weights: Array | None = None) -> None:
+        self.allowed, self._damping, self._weights = allowed, damping, weights
+        # The steps of levels with a mask, x°.
+        self._rest = self._own = np.zeros(len(allowed.lower))
+        # The velocities after the last level, as its step has them.
+        self.x = self._last = allowed.clip(self._rest)
         self.Z = identity(len(self.x))
         # Levels with a demand so far; whether some of their directions were relaxed.
-        self._above: list[tuple[Level, Directions]] = []
+        self._above: list[Decomposed] = []
         self._relaxed = False
 
     @property
@@ -83,11 +97,13 @@ class BoundedHierarchy:
 
     def carry_out(self, level: Level, c: float) -> LevelStep:
         """Take the step of a level, damped by its c, or the nearest feasible step."""
-        directions = decompose(level, self.Z if self._above else None, not self._relaxed)
-        gains = self.damping.gains(directions.s, c)
-        origin, missing = self._rest, level.v
-        if self._above:
-            origin, missing = self.x, missing - level.J.dot(self.x)
+        others = self._hold(level)
+        directions = whole = decompose(level, self.Z if self._above else None, not self._relaxed)
+        if others is not None:
+            directions = decompose(level, others[1].free, not self._relaxed)
+        gains, origin = self.damping.gains(directions.s, c), self._origin(level)
+        missing = level.v if origin is self._rest else level.v - level.J.dot(origin)
+        start = None if origin is self._last or origin is self._rest else origin
         step = gains * missing.dot(directions.U)
         if self._take(origin + directions.moving.dot(step)):
             multipliers = EMPTY
@@ -98,10 +114,17 @@ class BoundedHierarchy:
         followed = directions.s * gains
         met = not len(multipliers) and directions.rank == len(level.v) \
             and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
-        bend = 0.0 if met else self._bend(level, directions, multipliers)
-        relaxed = self._leave(directions)
-        self._above.append((level, directions))
-        return LevelStep(self.x, directions, followed, relaxed, *self._apart(multipliers), bend)
+        bend = 0.0 if met else self._bend(level, directions, multipliers, others)
+        relaxed = self._leave(whole)
+        self._above.append((level, whole))
+        return LevelStep(self._after(level, origin), directions, followed, relaxed,
+                         *self._apart(multipliers), bend, start)
+
+    def _origin(self, level: Level) -> Array:
+        """Return the velocities (n,) at which the step of a level with a demand begins."""
+        if self._above:
+            return self.x
+        return self._own if level.joints is None else np.where(level.joints, self._own, self.x)
 
     def _keep_direction(self, level: Level, directions: Directions, gains: Array,
                         c: float) -> Array:
@@ -184,16 +207,17 @@ class BoundedHierarchy:
 
     # Curvature of the constraints on which a level exerts multipliers (h of `damping`)
 
-    def _bend(self, level: Level, directions: Directions, multipliers: Array) -> float:
+    def _bend(self, level: Level, directions: Directions, multipliers: Array,
+              others: Decomposed | None) -> float:
         """Return h of a level; 0 if its residual is negligible."""
         missed = level.v - level.J.dot(self.x)
         push = norm(missed)
         if push <= NEGLIGIBLE * norm(level.v):
             return 0.0
         h = 0.0 if level.is_identity else bend(directions.size, push)
-        return h + self._bend_against(missed.dot(level.J), multipliers)
+        return h + self._bend_against(missed.dot(level.J), multipliers, others)
 
-    def _bend_against(self, force: Array, multipliers: Array) -> float:
+    def _bend_against(self, force: Array, multipliers: Array, others: Decomposed | None) -> float:
         """Return the part of h from bounds and levels above that balance a force (n,)."""
         h = 0.0
         if len(multipliers):
@@ -202,6 +226,9 @@ class BoundedHierarchy:
             if len(multipliers) > n:
                 force -= self.allowed.rows.T.dot(multipliers[n:])
                 h = bend_of_rows(self.allowed.lengths, multipliers[n:])
+        if others is not None:
+            # Joints outside the mask balance a part of the force without curvature.
+            force = force - _balanced(force, *others)
         softest = (0.5 * self._damping.release_region) ** 2
         for above, its in reversed(self._above):
             # This level balances a part of the force by the multipliers U mu.
@@ -215,6 +242,8 @@ class BoundedHierarchy:
 
     def satisfy(self, level: Level, c: float) -> LevelStep:
         """Satisfy the bounds of a level as far as possible, and add them; see `carry_out`."""
+        others, start = self._hold(level), self.x
+        Z = self.Z if others is None else others[1].free
         lengths = np.sqrt((level.J * level.J).sum(axis=1))
         lengths[lengths == 0.0] = 1.0
         rows = level.J / lengths[:, np.newaxis]
@@ -222,44 +251,46 @@ class BoundedHierarchy:
         values = rows.dot(self.x)
         multipliers = EMPTY
         if not within(values, lower, upper):
-            multipliers = self._meet(rows, lower - values, upper - values, lengths, c)
+            multipliers = self._meet(Z, rows, lower - values, upper - values, lengths, c)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
         self.allowed.add(rows, lower, upper, lengths)
-        bend = self._bend_against(self._rest, multipliers) if len(multipliers) else 0.0
-        return LevelStep(self.x, None, EMPTY, None, *self._apart(multipliers), bend)
+        bend = self._bend_against(self._rest, multipliers, others) if len(multipliers) else 0.0
+        return LevelStep(self._after(level, start), None, EMPTY, None, *self._apart(multipliers),
+                         bend)
 
-    def _meet(self, rows: Array, lower: Array, upper: Array, lengths: Array,
+    def _meet(self, Z: Array, rows: Array, lower: Array, upper: Array, lengths: Array,
               c: float) -> Array:
         """Move x so that the change of rows x is within bounds; return multipliers on failure."""
-        G, asked = rows.dot(self.Z), np.maximum(np.maximum(lower, -upper), 0.0)
+        G, asked = rows.dot(Z), np.maximum(np.maximum(lower, -upper), 0.0)
         if not self._damping.off:
             lower, upper = _reduced(lower, upper, (G * G).sum(axis=1) / ROW_DAMPING ** 2)
         # Mostly the bounds are feasible, and one program suffices, with the tightest tolerance.
-        A, least, most = self.allowed.along(self.x, self.Z)
+        A, least, most = self.allowed.along(self.x, Z)
         found = ActiveSet(np.zeros(G.shape[1]), np.concatenate([A, G]),
                           np.concatenate([least, lower]), np.concatenate([most, upper])
                           ).solve(FEASIBLE)
         if found is None:
-            return self._miss(G, lower, upper, lengths, c)
+            return self._miss(Z, G, lower, upper, lengths, c)
         # If other rows, and joints at their limits, leave a length s of a row, its multiplier is
         # its remaining demand / s².
         dearest = asked / ROW_DAMPING ** 2
         costs = np.where(asked > 0.0, np.abs(found[1][-len(G):]), 0.0)
         if np.count_nonzero(costs > dearest) and not self._damping.off:
-            self._ease(G, lower, upper, asked, dearest)
+            self._ease(Z, G, lower, upper, asked, dearest)
         else:
-            self._move(self.x, self.Z, found)
+            self._move(self.x, Z, found)
         return EMPTY
 
-    def _ease(self, G: Array, lower: Array, upper: Array, asked: Array, dearest: Array) -> None:
+    def _ease(self, Z: Array, G: Array, lower: Array, upper: Array, asked: Array,
+              dearest: Array) -> None:
         """
-        Move x towards bounds on G a (r,), with slack for multipliers (r,) beyond `dearest`.
+        Move x along Z towards bounds on G a (r,), with slack for multipliers (r,) beyond `dearest`.
 
         The slack w of each row is between 0 and its demand. Minimising ‖a‖² + Σ (w + dearest)²
         makes the multiplier of a row with slack `dearest` + w.
         """
-        A, least, most = self.allowed.along(self.x, self.Z)
+        A, least, most = self.allowed.along(self.x, Z)
         count, k = G.shape
         none = np.zeros(count)
         A = np.block([[A, np.zeros((len(A), count))],
@@ -269,17 +300,18 @@ class BoundedHierarchy:
                           np.concatenate([least, lower, none]),
                           np.concatenate([most, upper, asked])).solve(FEASIBLE)
         if found is not None:
-            self._move(self.x, np.hstack([self.Z, np.zeros((len(self.x), count))]), found)
+            self._move(self.x, np.hstack([Z, np.zeros((len(self.x), count))]), found)
 
-    def _miss(self, G: Array, lower: Array, upper: Array, lengths: Array, c: float) -> Array:
+    def _miss(self, Z: Array, G: Array, lower: Array, upper: Array, lengths: Array,
+              c: float) -> Array:
         """Move x as near as is feasible to bounds that G a (r,) cannot satisfy; see `_meet`."""
-        A, least, most = self.allowed.along(self.x, self.Z)
+        A, least, most = self.allowed.along(self.x, Z)
         # One more variable for each row: its residual.
         count, k = G.shape
         A = np.block([[A, np.zeros((len(A), count))], [G, np.eye(count)]])
         stiffness, target = np.zeros((2, k + count))
         stiffness[:k] = np.maximum(c, self._damping.regularisation ** 2)
-        target[:k] = -self.Z.T.dot(self.x)
+        target[:k] = -Z.T.dot(self.x)
         stiffness[k:] = lengths * lengths
         found = regularised(stiffness, target, A, np.concatenate([least, lower]),
                             np.concatenate([most, upper]), 0.0, target)
@@ -287,24 +319,54 @@ class BoundedHierarchy:
             # Rounding prevents a solution: x is unchanged.
             return EMPTY
         slack = np.zeros((len(self.x), count))
-        return self._move(self.x, np.hstack([self.Z, slack]), found)
+        return self._move(self.x, np.hstack([Z, slack]), found)
 
-    def finish(self, weights: Array | None = None) -> None:
-        """Minimise Σ w_j x_j² in the remaining null space of all levels."""
-        if self._above and self._above[-1][0].is_identity:
-            return
-        Z = self.Z
-        if self._relaxed:
-            Z = null_space([level for level, _ in self._above], len(self.x))
+    # The motion that the levels leave open
+
+    def finish(self) -> None:
+        """Minimise Σ w_j (x_j − x°_j)² in the remaining null space of all levels."""
+        if not (self._above and self._above[-1][0].is_identity):
+            self._shorten(self._free, self._own)
+
+    def _hold(self, level: Level) -> Decomposed | None:
+        """Prepare x for a level with a mask; return the joints that it holds, None if none."""
+        if level.joints is None:
+            return None
+        self._shorten(self._free, self._own)
+        return held(level.joints, self.Z)
+
+    def _after(self, level: Level, origin: Array) -> Array:
+        """Return x after a level; its step from `origin` is shortened and kept if it has a mask."""
+        self._last = self.x
+        if level.joints is not None:
+            self._shorten(held(level.joints, self._free)[1].free, origin)
+            self._own = self._own + (self.x - origin)
+        return self._last
+
+    @property
+    def _free(self) -> Array:
+        """Return the null space of all levels (n, k), without relaxed directions."""
+        if not self._relaxed:
+            return self.Z
+        return null_space([level for level, _ in self._above], len(self.x))
+
+    def _shorten(self, Z: Array, origin: Array) -> None:
+        """Move x along Z so that Σ w_j (x_j − origin_j)² is least."""
         if not Z.shape[1]:
             return
-        # One more level: √w_j x_j = 0.
+        # One more level: √w_j (x_j − origin_j) = 0.
+        weights = self._weights
         cost = identity(len(self.x)) if weights is None else np.diag(np.sqrt(weights))
         directions = decompose(Level(cost, is_identity=weights is None), Z)
         s, Q = directions.s, directions.Q
-        step = -cost.dot(self.x).dot(directions.U) / s
+        step = -cost.dot(self.x - origin).dot(directions.U) / s
         if not self._take(self.x + Q.dot(step)):
             self._move(self.x, Q, nearest(s * s, step, *self.allowed.along(self.x, Q)))
+
+
+def _balanced(force: Array, level: Level, its: Directions) -> Array:
+    """Return the part of a force (n,) that the multipliers of a level balance."""
+    return its.U.dot(force.dot(its.moving) / its.s).dot(level.J)
 
 
 def _reduced(lower: Array, upper: Array, share: Array) -> tuple[Array, Array]:

@@ -28,7 +28,7 @@ SOLVERS = ('compiled', 'python')
 # Largest number of joints, and of rows of a level, that the core solves (python_buffers.h).
 MOST = 1000
 # Numbers that precede the arrays of a step.
-HEAD = Struct('8d')
+HEAD = Struct('9d')
 
 
 class Core(Protocol):
@@ -159,7 +159,7 @@ class Record:
     def _read(self, begin: int) -> LevelStep:
         """Return the step that begins at an index of the doubles."""
         *counts, size, bend = HEAD.unpack_from(self._record, 8 * begin)
-        m, rank, k, left, has_multipliers, rows = map(int, counts)
+        m, rank, k, left, has_multipliers, rows, has_origin = map(int, counts)
         self._at = begin + len(counts) + 2
         n, take = self._n, self._take
         velocity, directions = take(n), None
@@ -168,7 +168,8 @@ class Record:
         return LevelStep(velocity, directions, take(rank),
                          self._columns(n, left) if left >= 0 else None,
                          take(n) if has_multipliers else None,
-                         take(rows) if rows >= 0 else None, bend)
+                         take(rows) if rows >= 0 else None, bend,
+                         take(n) if has_origin else None)
 
     def _take(self, size: int) -> Array:
         """Return the next numbers (size,)."""

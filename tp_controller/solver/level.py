@@ -13,6 +13,7 @@ from scipy.linalg.blas import dnrm2
 from tp_controller.solver.errors import SolverError, unknown
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 MODES = ('least_squares', 'scale')
 # Share of the whole that counts as zero: remainders of rows and directions that levels above use,
 # or of 1e-17 towards a joint limit, are rounding errors. Exact answers agree with the reference
@@ -46,6 +47,9 @@ class Level:
         Bounds on the task velocity; infinite if a side is unbounded.
     is_identity : bool
         J is the identity: the level demands a velocity of every joint, in their order.
+    joints : ndarray (n,) of bool or None
+        Joints that the level may move to meet its demand or bounds; None: all. Its null space,
+        in which the levels below move the robot, is that of J, with all joints.
 
     """
 
@@ -57,6 +61,7 @@ class Level:
     upper: Array = None  # type: ignore[assignment]
 
     is_identity: bool = False
+    joints: Mask | None = None
 
     @classmethod
     def of_joints(cls, v: Array, mode: str = 'least_squares') -> 'Level':
@@ -102,7 +107,8 @@ def check_levels(levels: Iterable[Any]) -> list[Level]:
     ------
     SolverError
         `levels` is not a sequence, shapes do not fit together, numbers are not finite or beyond
-        `LARGEST_NUMBER`, bounds contradict themselves, or a mode is unknown or cannot be used.
+        `LARGEST_NUMBER`, bounds contradict themselves, joints are not a mask, or a mode is unknown
+        or cannot be used.
 
     """
     try:
@@ -135,7 +141,7 @@ def check_level(level: Any, name: str) -> Level:
     if level.mode not in MODES:
         raise SolverError(f'{name}: {unknown("mode", level.mode, MODES)}')
     J = _array(level.J, 2, f'{name}: J must be (m, n)')
-    rows = (J.shape[0],)
+    rows, joints = (J.shape[0],), _mask(level.joints, J.shape[1], name)
     if level.v is not None:
         if level.lower is not None or level.upper is not None:
             raise SolverError(f'{name}: has both a velocity v and bounds; give one of them')
@@ -145,13 +151,14 @@ def check_level(level: Any, name: str) -> Level:
                               f'got {J.shape} and {v.shape}')
         square = J.shape[0] == J.shape[1]
         checked = Level(J, v, level.mode,
-                        is_identity=square and np.array_equal(J, identity(len(J))))
+                        is_identity=square and np.array_equal(J, identity(len(J))),
+                        joints=joints)
         moderate = _moderate(v)
     else:
         if level.mode != 'least_squares':
             raise SolverError(f'{name}: bounds have no direction that mode scale could keep')
         lower, upper = check_bounds(level.lower, level.upper, J.shape[0], name)
-        checked, moderate = Level(J, lower=lower, upper=upper), True
+        checked, moderate = Level(J, lower=lower, upper=upper, joints=joints), True
     if not (moderate and _moderate(J)):
         raise SolverError(f'{name}: the levels hold numbers that are not finite, or beyond '
                           f'{LARGEST_NUMBER:g}')
@@ -181,6 +188,16 @@ def check_bounds(lower: Any, upper: Any, size: int, name: str) -> tuple[Array, A
         raise SolverError(f'{name}: bounds need lower ≤ upper, got '
                           f'{lower.tolist()} and {upper.tolist()}')
     return lower, upper
+
+
+def _mask(joints: Any, n: int, name: str) -> Mask | None:
+    """Return joints as a mask (n,); None for all of them."""
+    if joints is None:
+        return None
+    mask = np.asarray(joints)
+    if mask.dtype != bool or mask.shape != (n,):
+        raise SolverError(f'{name}: joints must be {n} of True and False, got {joints!r}')
+    return None if mask.all() else mask
 
 
 def _moderate(array: Array) -> bool:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 from tp_controller.solver.errors import SolverError
-from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm
+from tp_controller.solver.level import Array, identity, Level, Mask, NEGLIGIBLE, norm
 
 
 class Directions(NamedTuple):
@@ -60,6 +60,11 @@ class Directions(NamedTuple):
         return self.Q[:, :len(self.s)]
 
     @property
+    def free(self) -> Array:
+        """Return the motions of the null space (n, k − rank)."""
+        return self.Q[:, len(self.s):]
+
+    @property
     def smallest(self) -> float:
         """Return the m-th singular value; 0 if there are fewer."""
         return float(self.s[-1]) if 0 < len(self.s) == len(self.U) else 0.0
@@ -89,6 +94,16 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
     return Directions(U[:, :rank], s[:rank], V, size)
 
 
+def held(joints: Mask, Z: Array) -> tuple[Level, Directions]:
+    """
+    Return the joints outside a mask (n,) as a level, and its `Directions` in the span of Z (n, k).
+
+    Its null space are the motions of the joints of the mask alone.
+    """
+    level = Level(identity(len(joints))[~joints])
+    return level, decompose(level, Z)
+
+
 def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0) -> Array:
     """
     Return a basis of the null space that a level leaves (n, k').
@@ -98,8 +113,7 @@ def remaining(directions: Directions, region: float = 0.0, damping: float = 0.0)
     share k of a direction, its column is shortened to λ √((1 − k) / k), at most 1, with
     λ = `damping`: a level below that is damped by λ alone follows it by 1 − k.
     """
-    s, Q, rank = directions.s, directions.Q, directions.rank
-    free = Q[:, rank:]
+    s, Q, rank, free = directions.s, directions.Q, directions.rank, directions.free
     if not rank or s[-1] >= region:
         return free
     weak = int(np.count_nonzero(s >= region))

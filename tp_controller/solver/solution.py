@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol, TypeAlias
 from warnings import warn
 
 import numpy as np
-from tp_controller.solver.level import Array, Level, NEGLIGIBLE, norm, ROUNDING
+from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm, ROUNDING
 from tp_controller.solver.min_norm import moves_well
-from tp_controller.solver.null_space import decompose, Directions
+from tp_controller.solver.null_space import decompose, Directions, held
 
 # State of a solver between two cycles: one number for each level, 0 where nothing is remembered.
 Memory: TypeAlias = tuple[float, ...]
@@ -61,6 +61,8 @@ class LevelStep(NamedTuple):
     bend : float
         Part of the memory of the level that follows from this cycle alone; in this package h, see
         `damping`.
+    origin : ndarray (n,) or None
+        Velocities at which the step of the level begins; None: those after the level above.
 
     """
 
@@ -71,6 +73,7 @@ class LevelStep(NamedTuple):
     multipliers: Array | None = None
     row_multipliers: Array | None = None
     bend: float = 0.0
+    origin: Array | None = None
 
 
 class LevelSolution:
@@ -127,7 +130,7 @@ class LevelSolution:
     @property
     def rank(self) -> int:
         """
-        Return the rank of the level in the null space of the levels above.
+        Return the rank of the level in the null space of the levels above, with its joints.
 
         0 for a level with bounds, which does not reduce the null space.
         """
@@ -136,7 +139,7 @@ class LevelSolution:
     @property
     def smallest_singular_value(self) -> float:
         """
-        Return the m-th singular value of J P, P the null-space projector of the levels above.
+        Return the m-th singular value of J P, P the projector on what the level may move.
 
         It is 0 if the level cannot move in some direction at all, small near a singularity.
         """
@@ -147,9 +150,12 @@ class LevelSolution:
         """Return the part of `demand` (m,) that is unreachable even without bounds."""
         if self._directions is None:
             return np.zeros(len(self.demand))
-        missing = self.demand
-        if any(level.v is not None for level in self._solution.hierarchy[:self._index]):
-            missing = missing - self._level.J.dot(self._solution.step(self._index - 1).velocity)
+        missing, origin = self.demand, self._step.origin
+        if origin is None and any(
+                level.v is not None for level in self._solution.hierarchy[:self._index]):
+            origin = self._solution.step(self._index - 1).velocity
+        if origin is not None:
+            missing = missing - self._level.J.dot(origin)
         U, followed = self._directions.U, self._step.followed
         along = U.T.dot(missing)
         return missing - U.dot(followed * along if len(followed) else along)
@@ -343,17 +349,20 @@ class Solution:
             if level.v is None:
                 found.append(LevelStep(x))
                 continue
-            its = decompose(level, Z)
+            whole = its = decompose(level, Z)
+            if level.joints is not None:
+                every = identity(len(x)) if Z is None else Z
+                its = decompose(level, held(level.joints, every)[1].free)
             missing = level.v if Z is None else level.v - level.J.dot(x)
             gains = 1.0 / its.s
             x = x + its.moving.dot(gains * missing.dot(its.U))
-            Z = its.Q[:, its.rank:]
+            Z = whole.free
             found.append(LevelStep(x, its, its.s * gains))
         return found
 
     def directions_alone(self, level: Level, least: float) -> Directions | None:
         """Return the directions of a level by itself; None if its singular values ≥ `least`."""
-        if self.hierarchy and self.hierarchy[0] is level:
+        if self.hierarchy and self.hierarchy[0] is level and level.joints is None:
             # The solver may have them: nothing is above the first level.
             its = self.step(0).directions
             if its is not None:

@@ -227,7 +227,9 @@ def solve_by_reference(levels: list[Level], lower: Array | None, upper: Array | 
 
 def _fast(levels: list[Level], lower: Array, upper: Array, solver: PrioritySolver,
           period: float, speed_cap: Array | None, curved: list[float]) -> Array | None:
-    """Return the velocity (n,) of the fast path; None if a level is damped or a bound active."""
+    """Return the velocity (n,) of the fast path; None if damping, bounds or a mask act."""
+    if any(level.joints is not None for level in levels):
+        return None
     demands = [level for level in levels if level.v is not None]
     bounded = [level for level in levels if level.v is None]
     curved = [c for level, c in zip(levels, curved) if level.v is not None]
@@ -245,7 +247,7 @@ def _loop(levels: list[Level], lower: Array, upper: Array, solver: PrioritySolve
           speed_cap: Array | None, curved: list[float]) -> tuple[Array, list[LevelStep]]:
     """Return the velocity (n,), and the step of each level."""
     allowed = Polytope(lower, upper)
-    hierarchy = BoundedHierarchy(allowed, solver.damping)
+    hierarchy = BoundedHierarchy(allowed, solver.damping, solver.weights)
     steps = []
     for level, c in zip(levels, curved):
         if level.v is None:
@@ -255,7 +257,7 @@ def _loop(levels: list[Level], lower: Array, upper: Array, solver: PrioritySolve
         if speed_cap is not None:
             allowed.narrow(speed_cap, hierarchy.x)
             speed_cap = None
-    hierarchy.finish(solver.weights)
+    hierarchy.finish()
     x = hierarchy.x
     if not math.isfinite(x.dot(x)):
         raise SolverError('the levels hold numbers that are not finite')

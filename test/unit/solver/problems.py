@@ -258,6 +258,20 @@ def random_cycle(seed, settings):
             tuple(remembered.tolist()) if rng.random() < 0.6 else ())
 
 
+def masked_cycle(seed, settings):
+    """Return a random cycle in which half of the levels have a mask of their joints."""
+    levels, *others = random_cycle(seed, settings)
+    rng, n = np.random.default_rng([seed, 2]), others[2].n
+    return [replace(level, joints=random_mask(rng, n)) if rng.random() < 0.5 else level
+            for level in levels], *others
+
+
+def random_mask(rng, n):
+    """Return a mask (n,) that leaves out a few or many joints; None: it would leave out none."""
+    joints = rng.random(n) < rng.choice([0.3, 0.6, 0.9])
+    return None if joints.all() else joints
+
+
 # Hard cycles: rows and levels that repeat each other, units, weights and bounds of all sizes
 
 FEATURES = ('repeated', 'nearly repeated', 'row units', 'joint units', 'weights', 'fixed joints',

@@ -15,7 +15,7 @@ import sys
 import tracemalloc
 
 import numpy as np
-from problems import OPTIONS, random_cycle, redistribute
+from problems import masked_cycle, OPTIONS, random_cycle, redistribute
 import pytest
 from reference import random_levels
 from tp_controller import Level, solve, SolverError
@@ -38,11 +38,12 @@ def by_core(levels, lower, upper, options, period=0.0, cap=None, memory=()):
 
 
 @pytest.mark.parametrize('settings', OPTIONS)
+@pytest.mark.parametrize('cycle', [random_cycle, masked_cycle])
 @pytest.mark.slow
-def test_core_gives_the_velocities_of_the_solver_in_python(settings):
+def test_core_gives_the_velocities_of_the_solver_in_python(cycle, settings):
     counted = Counter()
     for seed in range(PROBLEMS):
-        given = random_cycle(seed, OPTIONS[settings])
+        given = cycle(seed, OPTIONS[settings])
         expected, found = solve_by_reference(*given), by_core(*given)
         counted['left'] += found is None
         if found is not None:
@@ -74,6 +75,9 @@ def compare_steps(given, expected, found, counted):
             np.testing.assert_allclose(other.directions.s, one.directions.s, rtol=1e-7,
                                        atol=1e-9 * one.directions.size)
         assert (one.relaxed is None) == (other.relaxed is None)
+        assert (one.origin is None) == (other.origin is None)
+        if one.origin is not None:
+            np.testing.assert_allclose(other.origin, one.origin, rtol=0, atol=1e-6)
         assert other.velocity.shape == (n,)
         for mine, yours in ((one.multipliers, other.multipliers),
                             (one.row_multipliers, other.row_multipliers)):
@@ -431,7 +435,7 @@ def test_options_can_be_copied_and_stored_whatever_they_have_solved():
 class Nested:
     """A level whose demand is computed with the very core that reads it."""
 
-    J, mode, is_identity = np.eye(2), 'least_squares', False
+    J, mode, is_identity, joints = np.eye(2), 'least_squares', False, None
 
     def __init__(self, core):
         self.core, self.answer = core, 'none yet'
@@ -454,7 +458,7 @@ class Last:
     """A level that nobody holds any more while it is read."""
 
     def __init__(self, levels):
-        self.v, self.mode, self.is_identity = np.ones(2), 'least_squares', False
+        self.v, self.mode, self.is_identity, self.joints = np.ones(2), 'least_squares', False, None
         self._levels = levels
         levels.append(self)
 
