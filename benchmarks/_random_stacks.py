@@ -133,9 +133,11 @@ class Drawn:
     def _keys(self, kind: type[Task]) -> dict[str, Any]:
         """Return the required keys of a type, and some that can be left out."""
         keys = {}
+        # Joints are drawn as rows, not as masks.
+        drawn = KEYS.keys() - ({'joints'} if kind.used_joints else set())
         for key, default in kind.accepted_keys().items():
             if default is Parameter.empty or key in ALWAYS or (
-                    key in KEYS and self.random.random() < GIVEN):
+                    key in drawn and self.random.random() < GIVEN):
                 keys[key] = KEYS[key](self) if key in KEYS else kind.example[key]
         if 'capsules' in keys:
             keys['links'] = list(keys['capsules'])

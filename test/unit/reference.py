@@ -173,17 +173,17 @@ def masked_lexicographic(levels, n, lower=None, upper=None, weights=None):
     root = np.diag(np.ones(n) if weights is None else np.sqrt(weights))
     begun = False
 
-    def shortened(origin, *fixed):
+    def shortened(origin, *more):
         return constrained_lstsq(root, root @ origin, G, least, most,
-                                 np.concatenate([equations, *fixed]), x)
+                                 np.concatenate([equations, *more]), x)
 
     for mask, J, *demand in levels:
-        held, origin = np.zeros((0, n)), x
+        fixed, origin = np.zeros((0, n)), x
         if mask is not None:
-            held, x = np.eye(n)[~mask], shortened(own)
+            fixed, x = np.eye(n)[~mask], shortened(own)
             # A first demand begins at rest.
             origin = x if begun or len(demand) == 2 else np.where(mask, own, x)
-        m, kept = len(J), np.concatenate([equations, held])
+        m, kept = len(J), np.concatenate([equations, fixed])
         if len(demand) == 1:
             x = constrained_lstsq(J, demand[0], G, least, most, kept, x)
             equations, begun = np.concatenate([equations, J]), True
@@ -199,7 +199,7 @@ def masked_lexicographic(levels, n, lower=None, upper=None, weights=None):
             least = np.concatenate([least, demand[0] + np.minimum(violation, 0.0)])
             most = np.concatenate([most, demand[1] + np.maximum(violation, 0.0)])
         if mask is not None:
-            x = shortened(origin, held)
+            x = shortened(origin, fixed)
             own = own + x - origin
     return shortened(own)
 

@@ -20,6 +20,7 @@ REFERENCES = {
     'causes.h': 'control/causes.py', 'causes_object.h': 'control/cycle_record.py',
     'center_of_mass_task.h': 'tasks/center_of_mass.py', 'clearance.h': 'model/clearance.py',
     'collision.h': 'tasks/collision.py', 'cycle_time.h': 'control/cycle_time.py',
+    'curvature.h': 'solver/curvature.py',
     'damping.h': 'solver/damping.py', 'descent.h': 'positions/descent.py',
     'escape.h': 'control/escape.py', 'cone_task.h': 'tasks/cone.py',
     'frame_task.h': 'tasks/frame.py', 'gradient_task.h': 'tasks/gradient.py',

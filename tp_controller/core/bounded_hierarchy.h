@@ -6,8 +6,7 @@
 
 #pragma once
 
-#include "level_step.h"
-#include "polytope.h"
+#include "curvature.h"
 #include "qp.h"
 
 namespace {
@@ -22,8 +21,8 @@ class BoundedHierarchy {
   BoundedHierarchy(Arena &arena, Polytope &allowed, const Damping &damping, const double *weights,
                    std::vector<Above> &above, const Shared &shared)
       : arena_(arena), shared_(shared), allowed_(allowed), n_(allowed.n), damping_(damping),
-        first_(damping.first()), weights_(weights), rest_(arena.zeros(n_)), own_(rest_),
-        x_(arena.take(n_)), above_(above) {
+        first_(damping.first()), rest_(arena.zeros(n_)), x_(arena.take(n_)), weights_(weights),
+        own_(rest_), above_(above) {
     above_.clear();
     allowed.clip(rest_, x_);
     Z_ = {arena.zeros(size_t(n_) * n_), n_, n_};
@@ -126,7 +125,9 @@ class BoundedHierarchy {
       }
     }
     allowed_.count += m;
-    if (multipliers) found.bend = bend_against(arena_.zeros(n), multipliers, others);
+    if (multipliers)
+      found.bend = bend_against(arena_, arena_.zeros(n), multipliers, allowed_, above_, others,
+                                damping_.release_region);
     apart(multipliers, found);
     found.velocity = arena_.copy(x_, n);
     keep(level, start);
@@ -160,14 +161,14 @@ class BoundedHierarchy {
   Decomposed hold(const Level &level) {
     if (!level.joints) return Decomposed();
     shorten(null_space(), own_);
-    return held(arena_, level.joints, Z_);
+    return excluded(arena_, level.joints, Z_);
   }
 
   // Shorten the step of a level with a mask from `origin`, and keep it.
   void keep(const Level &level, const double *origin) {
     shortened_ = false;
     if (!level.joints) return;
-    shorten(held(arena_, level.joints, null_space()).its.free(), origin);
+    shorten(excluded(arena_, level.joints, null_space()).its.free(), origin);
     double *own = arena_.copy(own_, n_);
     add(1.0, x_, own, n_);
     add(-1.0, origin, own, n_);
@@ -186,8 +187,8 @@ class BoundedHierarchy {
     }
     const Level level = {n_, n_, false, false, !weights_, cost, rest_, nullptr, nullptr};
     const Directions its = Decomposition(arena_, level, Z, false, true).found();
-    double *way = arena_.copy(x_, n_), *cost_of = arena_.take(n_), *step = arena_.take(its.Q.k);
-    double *stiffness = arena_.take(its.Q.k);
+    double *way = arena_.copy(x_, n_), *cost_of = arena_.take(n_);
+    double *step = arena_.take(its.Q.k), *stiffness = arena_.take(its.Q.k);
     add(-1.0, origin, way, n_);
     level.times(way, cost_of);
     its.seen(cost_of, step);
@@ -314,37 +315,8 @@ class BoundedHierarchy {
     if (push <= NEGLIGIBLE * norm(level.v, level.m)) return 0.0;
     double h = level.is_identity ? 0.0 : bend(its.size, push);
     level.add_transposed(1.0, missed, force);
-    return h + bend_against(force, multipliers, others);
-  }
-
-  // The part of h from bounds and the levels above, against a force (n), which it overwrites.
-  double bend_against(double *force, const double *multipliers, const Decomposed &others) {
-    double h = 0.0;
-    if (multipliers) {
-      add(-1.0, multipliers, force, n_);
-      const double *of_rows = multipliers + n_;
-      for (int i = 0; i < allowed_.count; ++i) add(-of_rows[i], allowed_.row(i), force, n_);
-      h = bend_of_rows(allowed_.lengths, of_rows, allowed_.count);
-    }
-    // Joints outside a mask balance a part of the force without curvature.
-    balance(others.level, others.its, 0.0, force);
-    const double half = 0.5 * damping_.release_region, softest = half * half;
-    for (size_t index = above_.size(); index-- > 0;) {
-      const Directions &those = above_[index].its;
-      h += bend(those.size, balance(*above_[index].level, those, softest, force));
-    }
-    return h;
-  }
-
-  // Subtract from a force (n,) the part that a level balances; return the norm of its multipliers.
-  double balance(const Level &level, const Directions &its, double softest, double *force) {
-    double *mu = arena_.take(its.rank), *pushed = arena_.zeros(its.m);
-    for (int i = 0; i < its.rank; ++i) {
-      mu[i] = dot(force, its.Q[i], n_) / (its.s[i] + softest / its.s[i]);
-      add(mu[i], its.task(i), pushed, its.m);
-    }
-    level.add_transposed(-1.0, pushed, force);
-    return norm(mu, its.rank);
+    return h + bend_against(arena_, force, multipliers, allowed_, above_, others,
+                            damping_.release_region);
   }
 
   // Move x to within bounds on what the next m rows gain; return multipliers where it cannot.
@@ -467,10 +439,8 @@ class BoundedHierarchy {
   Polytope &allowed_;
   int n_;
   Damping damping_, first_;
-  const double *weights_;
-  double *rest_;
-  const double *own_;                    // steps of levels with a mask
-  double *x_;
+  double *rest_, *x_;
+  const double *weights_, *own_;         // own: steps of levels with a mask
   Columns Z_, identity_;
   std::vector<Above> &above_;
   bool relaxed_ = false, shortened_ = false;  // x, since the last level

@@ -71,10 +71,11 @@ class RecordReader {
 
   // The next level, and its tasks.
   void level(int n, SolvedCycle &cycle) {
-    const double *head = take(3);
+    const double *head = take(4);
     const int tasks = count(head[0]);
     need(tasks > 0);
     Level its = {0, n, head[1] != 0.0, head[2] != 0.0, false, nullptr, nullptr, nullptr, nullptr};
+    if (head[3] != 0.0) its.joints = take(n);
     for (int i = 0; i < tasks; ++i) {
       const double *part = take(2);
       cycle.parts.push_back({cycle.levels.size(), its.m, count(part[0]), part[1] != 0.0});

@@ -219,7 +219,7 @@ struct Decomposed {
 
 // The joints outside a mask (n,) as a level, and its directions in what Z spans: its null space are
 // the motions of the joints of the mask alone.
-Decomposed held(Arena &arena, const double *joints, const Columns &Z) {
+Decomposed excluded(Arena &arena, const double *joints, const Columns &Z) {
   const int n = Z.n, m = int(std::count(joints, joints + n, 0.0));
   double *J = arena.zeros(size_t(m) * n);
   for (int j = 0, row = 0; j < n; ++j)

@@ -41,7 +41,8 @@ bool join(Arena &arena, const Situation &at, const Group &group, const std::vect
   double *J = identity ? nullptr : arena.take(m * n), *error = arena.take(m);
   double *v = arena.take(m), *most = bounded ? arena.take(m) : nullptr;
   levels.push_back({int(m), n, bounded, first ? first->scale() : other->scale, identity, J,
-                    bounded ? nullptr : v, bounded ? v : nullptr, most});
+                    bounded ? nullptr : v, bounded ? v : nullptr, most,
+                    first ? first->joints() : other->joints});
   for (Task *task : group) {
     size_t rows;
     if (task) {

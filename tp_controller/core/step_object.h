@@ -34,7 +34,7 @@ bool read_groups(PyObject *object, const Motion &motion, std::vector<Group> &gro
     for (Py_ssize_t i = 0; i < PyTuple_Size(group); ++i) {
       PyObject *each = PyTuple_GetItem(group, i);
       TaskTwin *twin = find<TaskTwin>(each);
-      if (each != Py_None && !(twin && twin->task->fits(motion))) return false;
+      if (each != Py_None && !(twin && fits(*twin->task, motion))) return false;
       groups.back().push_back(twin ? twin->task.get() : nullptr);
       if (twin) held.push_back(Py_NewRef(each));
     }
@@ -125,16 +125,18 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
   need(next == cycle.given.size());
 }
 
-// Call with the numbers of each level: how many tasks, whether it has bounds, whether it is scaled;
-// rows of each task, and whether its J is the identity; J, unless it is the identity; v, or bounds.
+// Call with the numbers of each level: how many tasks, whether it has bounds, is scaled, has a mask;
+// this mask; rows of each task, and whether its J is the identity; J, unless it is the identity; v, or bounds.
 // Then with the error of each task that has a twin.
 template <typename Put>
 void put_levels(const ControlCycle &cycle, Put put) {
   auto level = cycle.solver.levels.begin();
   auto given = cycle.given.begin();
   for (const Group &group : cycle.groups()) {
-    const double head[3] = {double(group.size()), double(level->bounded), double(level->scale)};
-    put(head, 3);
+    const double head[4] = {double(group.size()), double(level->bounded), double(level->scale),
+                            double(level->joints != nullptr)};
+    put(head, 4);
+    if (level->joints) put(level->joints, size_t(level->n));
     for (const Task *task : group) {
       const double its[2] = {double(task ? task->rows() : given->m),
                              double(task ? task->is_identity() : given->is_identity)};

@@ -39,13 +39,19 @@ bool read_rows_of(PyObject *object, int rows, std::vector<double> &found) {
   return true;
 }
 
-// (rows, scale, gain, feed_forward or None, fed, timeout)
+// (rows, scale, gain, feed_forward or None, fed, timeout, joints or None)
 bool read_law(PyObject *object, Law &law) {
   int scale;
-  PyObject *gain, *feed_forward;
-  if (!PyArg_ParseTuple(object, "ipOOdd", &law.rows, &scale, &gain, &feed_forward, &law.fed,
-                        &law.timeout)) return false;
+  PyObject *gain, *feed_forward, *joints;
+  if (!PyArg_ParseTuple(object, "ipOOddO", &law.rows, &scale, &gain, &feed_forward, &law.fed,
+                        &law.timeout, &joints)) return false;
   law.scale = scale;
+  if (joints != Py_None) {
+    const Py_ssize_t n = PyObject_Size(joints);
+    law.joints.resize(n > 0 && n <= MOST ? size_t(n) : 0);
+    if (law.joints.empty()
+        || !read_mask(joints, Py_ssize_t(law.joints.size()), law.joints.data())) return false;
+  }
   return law.rows >= 1 && law.rows <= MOST && read_rows_of(gain, law.rows, law.gain)
       && (feed_forward == Py_None || read_all(feed_forward, law.feed_forward));
 }
@@ -285,6 +291,11 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   return refuse("these are no inputs of a task");
 }
 
+// Whether a task is one of a robot, and so is its mask.
+bool fits(const Task &task, const Motion &motion) {
+  return task.fits(motion) && task.joint_count(motion.n) == motion.n;
+}
+
 // evaluate(motion, positions, velocity, now, error, J, v, upper): fill in error (m,), J (m, n) and
 // v (m,) of a demand, whose upper is None; of bounds v is the lower one. False where something does
 // not fit.
@@ -300,7 +311,7 @@ PyObject *task_evaluate(PyObject *self, PyObject *const *given, Py_ssize_t count
   Motion *motion = find<Motion>(given[0]);
   if (!motion || !positions.is(motion->n) || !velocity.is(motion->n) || !error.is(m)
       || !J.is(m, motion->n) || !v.is(m) || !(task.bounded() ? upper.is(m) : given[7] == Py_None)
-      || !task.fits(*motion)) return Py_NewRef(Py_False);
+      || !fits(task, *motion)) return Py_NewRef(Py_False);
   double at[MOST], moving[MOST];
   positions.copy(at);
   velocity.copy(moving);

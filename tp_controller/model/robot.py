@@ -13,12 +13,12 @@ import pinocchio
 from tp_controller.errors import RobotError, unknown
 from tp_controller.model.dh import Table, urdf_from_dh
 from tp_controller.model.joint_choice import choose_joints, JointChoice
+from tp_controller.model.joint_groups import Groups, joint_groups
 from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.limits import (
     in_degrees,
     limit_arrays,
     LIMIT_KEYS,
-    LimitArrays,
     LimitOverrides,
     nearest_to_zero,
 )
@@ -70,6 +70,8 @@ class Robot:
         ``'rad'`` or ``'m'``: the unit of the integral of each velocity; of each driven joint.
     joint_names, passive_names : tuple of str
         Driven joints, in their order in every array; passive ones.
+    groups : dict of tuple of str
+        Names of the velocities of a moving base, as ``base``, and those of other groups.
     joint_columns, joint_rows : slice
         Entries of the driven joints in an array (n,), and in an array (nq,).
     lower, upper : ndarray (n,)
@@ -106,17 +108,15 @@ class Robot:
 
     def __init__(self, urdf: str, joints: Sequence[str] | None = None,
                  limits: LimitOverrides | None = None, base: str = 'fixed',
-                 world_frame: str = DEFAULT_WORLD) -> None:
+                 world_frame: str = DEFAULT_WORLD, groups: Groups | None = None) -> None:
         """Build from URDF text; see `from_urdf`."""
         if not isinstance(base, str) or base not in BASES:
             raise RobotError(unknown('base', base, BASES))
         tree = parse(urdf)
         check_tree(tree)
         elements = moving_joints(tree)
-        self.urdf = urdf
-        self.base, self._base = base, BASES[base]
-        self.moves = self._base.moves
-        self.base_reach = self._base.reach
+        self.urdf, self.base, self._base = urdf, base, BASES[base]
+        self.moves, self.base_reach = self._base.moves, self._base.reach
         model = build_model(tree, self.moves)
         self.name: str = model.name
         frame_ids = {frame.name: model.getFrameId(frame.name, frame.type)
@@ -124,13 +124,15 @@ class Robot:
         self.base_frame = next(iter(frame_ids))
         if self.moves:
             frame_ids = _with_world(frame_ids, world_frame)
-        self.frame_names = tuple(frame_ids)
-        self.root = self.frame_names[0]
+        self.frame_names, self.root = tuple(frame_ids), next(iter(frame_ids))
         mimics = mimic_rules(elements)
         self._name_joints(choose_joints(model.names, elements, mimics, self._base, joints,
                                         limits or {}), elements)
-        self._set_limits(limit_arrays(self._base, self.joint_names, elements, mimics,
-                                      limits or {}))
+        self.groups = joint_groups(groups or {}, self.velocity_names, self._base.names)
+        limited = limit_arrays(self._base, self.joint_names, elements, mimics, limits or {})
+        for key, values in limited.values.items():
+            setattr(self, key, values)
+        self.continuous, self.remarks = limited.continuous, _degree_remarks(self)
         self.passive_neutral = nearest_to_zero(self.passive_names, elements)
         _set_ranges(model, self)
         self.kinematics = Kinematics(model, frame_ids, self._base, self.joint_names,
@@ -140,7 +142,8 @@ class Robot:
     @classmethod
     def from_urdf(cls, source: Source, base: str = 'fixed', joints: Sequence[str] | None = None,
                   limits: LimitOverrides | None = None, world_frame: str = DEFAULT_WORLD,
-                  xacro_arguments: XacroArguments | None = None) -> 'Robot':
+                  xacro_arguments: XacroArguments | None = None,
+                  groups: Groups | None = None) -> 'Robot':
         """
         Return the robot of a URDF, or of what can be turned into one.
 
@@ -162,24 +165,27 @@ class Robot:
             Name of the frame that a base moves in.
         xacro_arguments : dict or list of str, optional
             ``{name: value}`` or ``['name:=value', …]``.
+        groups : dict, optional
+            ``{name: names}`` of joints, or groups before it, which tasks may name together.
 
         Raises
         ------
         RobotError
             The description cannot be read, a joint is of an unsupported type, a name in
-            `joints` or `limits` is unknown, or `world_frame` is a link; the message lists the
-            valid values.
+            `joints`, `limits` or `groups` is unknown, or `world_frame` is a link; the message
+            lists the valid values.
 
         """
         found = describe(source, xacro_arguments)
-        robot = cls(found.urdf, joints, limits, base, world_frame)
+        robot = cls(found.urdf, joints, limits, base, world_frame, groups)
         robot.remarks += found.remarks_on(robot.moves)
         return robot
 
     @classmethod
     def from_dh(cls, table: Table, convention: str | None = None,
                 joints: Sequence[str] | None = None, limits: LimitOverrides | None = None,
-                base: str = 'fixed', world_frame: str = DEFAULT_WORLD) -> 'Robot':
+                base: str = 'fixed', world_frame: str = DEFAULT_WORLD,
+                groups: Groups | None = None) -> 'Robot':
         """
         Return the robot of a Denavit-Hartenberg table; see `tp_controller.model.dh.urdf_from_dh`.
 
@@ -191,13 +197,14 @@ class Robot:
             The table is not valid; the message names the row and the key.
 
         """
-        return cls(urdf_from_dh(table, convention), joints, limits, base, world_frame)
+        return cls(urdf_from_dh(table, convention), joints, limits, base, world_frame, groups)
 
     @classmethod
     def from_file(cls, name: Source, joints: Sequence[str] | None = None,
                   limits: LimitOverrides | None = None, base: str = 'fixed',
                   world_frame: str = DEFAULT_WORLD,
-                  xacro_arguments: XacroArguments | None = None) -> 'Robot':
+                  xacro_arguments: XacroArguments | None = None,
+                  groups: Groups | None = None) -> 'Robot':
         """
         Return the robot of a file: a DH table if it ends in ``.yaml`` or ``.yml``.
 
@@ -210,11 +217,11 @@ class Robot:
 
         """
         if not isinstance(name, (str, Path)) or Path(name).suffix not in DH_SUFFIXES:
-            return cls.from_urdf(name, base, joints, limits, world_frame, xacro_arguments)
+            return cls.from_urdf(name, base, joints, limits, world_frame, xacro_arguments, groups)
         if xacro_values(xacro_arguments):
             raise RobotError(f'xacro arguments are for the file of a xacro, not for {name}')
-        return cls.from_dh(Path(name) if '://' not in str(name) else name,
-                           joints=joints, limits=limits, base=base, world_frame=world_frame)
+        return cls.from_dh(Path(name) if '://' not in str(name) else name, None, joints, limits,
+                           base, world_frame, groups)
 
     def check_frame(self, name: object) -> str:
         """Return `name` if it is a frame of the robot, else raise `RobotError`."""
@@ -328,13 +335,6 @@ class Robot:
     def limits(self) -> dict[str, Array]:
         """Return the arrays (n,) of all limits by their keys."""
         return {key: getattr(self, key) for key in LIMIT_KEYS}
-
-    def _set_limits(self, limits: LimitArrays) -> None:
-        """Set the limits of the velocities, and the remark on probable degrees."""
-        for key, values in limits.values.items():
-            setattr(self, key, values)
-        self.continuous = limits.continuous
-        self.remarks = _degree_remarks(self)
 
 
 def _degree_remarks(robot: Robot) -> tuple[str, ...]:

@@ -21,17 +21,16 @@ A level with a mask of its joints, `Level.joints`, has two matrices: it steps wi
 Z' = Z null(E Z), where E selects the other joints, and leaves the null space of J Z. It begins
 where the levels above need the least motion, and takes the shortest of the steps that meet it as
 well. The sum x° of these steps is its own: the motion that is minimised at last is
-Σ w_j (x_j − x°_j)², so that no other joint takes over.
+Σ w_j (x_j − x°_j)², so that no other joint replaces them.
 
 Sources: lecture 2.1, 2.2, 3.1, 4; lab exercise 2 [8]; wiki [8]–[15], [20]–[28]; slides (7)–(10);
 notes [4], [6], [8]–[11].
 """
 
-from typing import TypeAlias
-
 import numpy as np
 from tp_controller.solver.active_set import ActiveSet
-from tp_controller.solver.damping import bend, bend_of_rows, Damping
+from tp_controller.solver.curvature import bend_against
+from tp_controller.solver.damping import bend, Damping
 from tp_controller.solver.level import (
     Array,
     FEASIBLE,
@@ -44,8 +43,9 @@ from tp_controller.solver.level import (
 )
 from tp_controller.solver.null_space import (
     decompose,
+    Decomposed,
     Directions,
-    held,
+    excluded,
     null_space,
     remaining,
 )
@@ -59,9 +59,6 @@ ROW_DAMPING = 0.1
 # μ² below this share of the largest stiffness counts as 0. A share of 1e-28, in units that do not
 # suit μ, costs a program all digits of its bounds, and levels above 2 % of their velocity.
 SOFTEST = 1e-8
-
-# A level and its directions.
-Decomposed: TypeAlias = tuple[Level, Directions]
 
 
 class BoundedHierarchy:
@@ -205,8 +202,6 @@ class BoundedHierarchy:
         self._relaxed = True
         return self.Z
 
-    # Curvature of the constraints on which a level exerts multipliers (h of `damping`)
-
     def _bend(self, level: Level, directions: Directions, multipliers: Array,
               others: Decomposed | None) -> float:
         """Return h of a level; 0 if its residual is negligible."""
@@ -218,25 +213,9 @@ class BoundedHierarchy:
         return h + self._bend_against(missed.dot(level.J), multipliers, others)
 
     def _bend_against(self, force: Array, multipliers: Array, others: Decomposed | None) -> float:
-        """Return the part of h from bounds and levels above that balance a force (n,)."""
-        h = 0.0
-        if len(multipliers):
-            n = len(force)
-            force = force - multipliers[:n]
-            if len(multipliers) > n:
-                force -= self.allowed.rows.T.dot(multipliers[n:])
-                h = bend_of_rows(self.allowed.lengths, multipliers[n:])
-        if others is not None:
-            # Joints outside the mask balance a part of the force without curvature.
-            force = force - _balanced(force, *others)
-        softest = (0.5 * self._damping.release_region) ** 2
-        for above, its in reversed(self._above):
-            # This level balances a part of the force by the multipliers U mu.
-            mu = force.dot(its.moving) / (its.s + softest / its.s)
-            h += bend(its.size, norm(mu))
-            if its is not self._above[0][1]:
-                force = force - its.U.dot(mu).dot(above.J)
-        return h
+        """Return the part of h from what balances a force (n,); see `bend_against`."""
+        return bend_against(force, multipliers, self.allowed, self._above, others,
+                            self._damping.release_region)
 
     # Levels with bounds
 
@@ -285,7 +264,7 @@ class BoundedHierarchy:
     def _ease(self, Z: Array, G: Array, lower: Array, upper: Array, asked: Array,
               dearest: Array) -> None:
         """
-        Move x along Z towards bounds on G a (r,), with slack for multipliers (r,) beyond `dearest`.
+        Move x along Z towards bounds on G a (r,); slack for multipliers (r,) beyond `dearest`.
 
         The slack w of each row is between 0 and its demand. Minimising ‖a‖² + Σ (w + dearest)²
         makes the multiplier of a row with slack `dearest` + w.
@@ -333,13 +312,13 @@ class BoundedHierarchy:
         if level.joints is None:
             return None
         self._shorten(self._free, self._own)
-        return held(level.joints, self.Z)
+        return excluded(level.joints, self.Z)
 
     def _after(self, level: Level, origin: Array) -> Array:
-        """Return x after a level; its step from `origin` is shortened and kept if it has a mask."""
+        """Return x after a level; one with a mask keeps its shortest step from `origin`."""
         self._last = self.x
         if level.joints is not None:
-            self._shorten(held(level.joints, self._free)[1].free, origin)
+            self._shorten(excluded(level.joints, self._free)[1].free, origin)
             self._own = self._own + (self.x - origin)
         return self._last
 
@@ -362,11 +341,6 @@ class BoundedHierarchy:
         step = -cost.dot(self.x - origin).dot(directions.U) / s
         if not self._take(self.x + Q.dot(step)):
             self._move(self.x, Q, nearest(s * s, step, *self.allowed.along(self.x, Q)))
-
-
-def _balanced(force: Array, level: Level, its: Directions) -> Array:
-    """Return the part of a force (n,) that the multipliers of a level balance."""
-    return its.U.dot(force.dot(its.moving) / its.s).dot(level.J)
 
 
 def _reduced(lower: Array, upper: Array, share: Array) -> tuple[Array, Array]:

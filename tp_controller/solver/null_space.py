@@ -19,7 +19,7 @@ Properties.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.linalg import lapack
@@ -70,6 +70,10 @@ class Directions(NamedTuple):
         return float(self.s[-1]) if 0 < len(self.s) == len(self.U) else 0.0
 
 
+# A level and its directions.
+Decomposed: TypeAlias = tuple[Level, Directions]
+
+
 def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) -> Directions:
     """Return the `Directions` of a level in the span of Z (n, k); None: of all motions."""
     size = norm(level.J)
@@ -94,7 +98,7 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
     return Directions(U[:, :rank], s[:rank], V, size)
 
 
-def held(joints: Mask, Z: Array) -> tuple[Level, Directions]:
+def excluded(joints: Mask, Z: Array) -> Decomposed:
     """
     Return the joints outside a mask (n,) as a level, and its `Directions` in the span of Z (n, k).
 

@@ -15,7 +15,7 @@ from warnings import warn
 import numpy as np
 from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm, ROUNDING
 from tp_controller.solver.min_norm import moves_well
-from tp_controller.solver.null_space import decompose, Directions, held
+from tp_controller.solver.null_space import decompose, Directions, excluded
 
 # State of a solver between two cycles: one number for each level, 0 where nothing is remembered.
 Memory: TypeAlias = tuple[float, ...]
@@ -352,7 +352,7 @@ class Solution:
             whole = its = decompose(level, Z)
             if level.joints is not None:
                 every = identity(len(x)) if Z is None else Z
-                its = decompose(level, held(level.joints, every)[1].free)
+                its = decompose(level, excluded(level.joints, every)[1].free)
             missing = level.v if Z is None else level.v - level.J.dot(x)
             gains = 1.0 / its.s
             x = x + its.moving.dot(gains * missing.dot(its.U))

@@ -29,17 +29,19 @@ SomeTask = TypeVar('SomeTask', bound='JointTask')
 
 def joints_key(default: Any = REQUIRED) -> Any:
     """Declare the key `joints` of a type, see `yaml_key`; None stands for all driven joints."""
-    return yaml_key('driven joint, or list of them, in the order of the rows', default=default,
-                    parse_for=lambda task, joints: _joints(task.robot, joints))
+    return yaml_key('driven joint or group, or list of them, in the order of the rows',
+                    default=default, parse_for=lambda task, joints: _joints(task.robot, joints))
 
 
 def _joints(robot: Robot, joints: Joints | None) -> tuple[str, ...]:
     """Return the names of driven joints as a tuple, all for None; raise if invalid."""
     if joints is None:
         return tuple(robot.joint_names)
-    names = [joints] if isinstance(joints, str) else joints
-    if not isinstance(names, (list, tuple)) or not names:
+    listed = [joints] if isinstance(joints, str) else joints
+    if not isinstance(listed, (list, tuple)) or not listed:
         raise ValueError(f'needs a driven joint or a list of them, got {joints!r}')
+    names = [name for each in listed
+             for name in (robot.groups.get(each, (each,)) if isinstance(each, str) else (each,))]
     for name in names:
         robot.joint_index(name)
     if len(set(names)) < len(names):
@@ -54,7 +56,8 @@ class JointTask(Task):
     Attributes
     ----------
     joints : tuple of str
-        Joints in the order of the rows.
+        Joints in the order of the rows. The task may move others, too, unless they are excluded:
+        below a pose, one joint of an arm can only move with the others.
 
     """
 
@@ -62,6 +65,8 @@ class JointTask(Task):
     feed_forward_type: ClassVar[str | None] = 'joint_velocities'
 
     joints: tuple[str, ...] = joints_key(None)
+    # The word names the rows.
+    used_joints = None
 
     def __init__(self, robot: Robot, name: str, keys: Keys | None = None,
                  joints: Any = REQUIRED, **given: Any) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 from tp_controller.errors import TaskError
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
+from tp_controller.solver.level import Mask
 from tp_controller.tasks.goal_holder import GoalHolder
+from tp_controller.tasks.joint_mask import joint_mask
 from tp_controller.tasks.keys import (
     Gain,
     Keys,
@@ -28,6 +30,7 @@ from tp_controller.tasks.yaml_keys import (
     DEFAULT_MODE,
     DEFAULT_TIMEOUT,
     gain_key,
+    joints_key,
     Key,
     REQUIRED,
     tolerance_key,
@@ -73,6 +76,11 @@ class KeyHolder(GoalHolder):
         Number of rows.
     groups : tuple of UnitRows
         Rows and tolerance of each unit.
+    used_joints, excluded_joints : tuple of str or None
+        Joints that the task may move, and those that it must not, as velocities of the robot; a
+        type whose `used_joints` is None has no such key.
+    joint_mask : ndarray (n,) of bool or None
+        Velocities that both leave the task; None for all.
 
     """
 
@@ -95,7 +103,13 @@ class KeyHolder(GoalHolder):
         'behaviour at a limit: least_squares comes as near to the desired velocity as possible, '
         'scale keeps its direction and scales it down', parse_mode, DEFAULT_MODE)
 
+    used_joints: tuple[str, ...] | None = joints_key(
+        'joints and groups that the task may move (default: all)', name='joints')
+    excluded_joints: tuple[str, ...] | None = joints_key(
+        'joints and groups that the task must not move, such as base')
+
     type_name: ClassVar[str] = ''
+    joint_mask: Mask | None = None
     units: tuple[str, ...] = ()
     rows: int
     _fields: ClassVar[dict[str, Key]] = {}
@@ -154,6 +168,8 @@ class KeyHolder(GoalHolder):
         # The number of rows is unknown if keys are faulty.
         self.rows = 0 if own.faults else len(self.units)
         self._parse(own, set(COMMON), given)
+        self.joint_mask = own.check('excluded_joints' if self.excluded_joints else 'joints',
+                                    joint_mask, robot, self.used_joints, self.excluded_joints)
         self.rows = len(self.units)
         if keys is None:
             own.raise_faults(name)
@@ -253,12 +269,14 @@ COMMON = tuple(attribute for attribute, value in vars(KeyHolder).items() if isin
 
 def _declared(task_type: type[KeyHolder]) -> dict[str, Key]:
     """Return {attribute: Key} of a class: required keys first, the common ones last."""
-    declared: dict[str, Key] = {}
+    declared: dict[str, Key | None] = {}
     for base in task_type.__mro__:
         for attribute, value in vars(base).items():
-            if isinstance(value, Key):
+            # A type without a key of its base classes sets the attribute to None.
+            if value is None or isinstance(value, Key):
                 declared.setdefault(attribute, value)
-    return dict(sorted(declared.items(), key=lambda item: (
+    keys = {attribute: value for attribute, value in declared.items() if value is not None}
+    return dict(sorted(keys.items(), key=lambda item: (
         COMMON.index(item[0]) if item[0] in COMMON else -1, item[1].default is not REQUIRED)))
 
 

@@ -289,8 +289,10 @@ def _joined(levels: Sequence[Level]) -> Level:
     J = np.concatenate([level.J for level in levels])
     if levels[0].v is None:
         return Level(J, lower=np.concatenate([level.lower for level in levels]),
-                     upper=np.concatenate([level.upper for level in levels]))
-    return Level(J, np.concatenate([level.v for level in levels]), levels[0].mode)
+                     upper=np.concatenate([level.upper for level in levels]),
+                     joints=levels[0].joints)
+    return Level(J, np.concatenate([level.v for level in levels]), levels[0].mode,
+                 joints=levels[0].joints)
 
 
 def _attempt_all(calls: Iterable[tuple[Task, Callable[[], None]]]) -> None:

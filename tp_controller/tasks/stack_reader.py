@@ -88,6 +88,10 @@ class StackReader:
         elif len(modes) > 1:
             self._fault(node, '', f'tasks that share a level need the same mode, not '
                                   f'{" and ".join(sorted(modes))}')
+        if len({None if task.joint_mask is None else task.joint_mask.tobytes()
+                for task in read}) > 1:
+            self._fault(node, '', 'tasks that share a level need the same joints '
+                                  f'({names_of(read)})')
         if self._bounded and 'scale' in modes:
             self._fault(node, '', f'mode scale would stop in front of the bounds of '
                                   f'{names_of(self._bounded)} above instead of sliding along '

@@ -70,7 +70,7 @@ class Task(TwinHolder):
         See ``GoalHolder``.
     led :
         See ``TwinHolder``.
-    gain, groups, timeout, mode, units, rows, needs, without, example :
+    gain, groups, timeout, mode, units, rows, needs, without, example, joint_mask :
         See ``KeyHolder``.
     sketch_parts : dict
         {part: it is always drawn} of the parts that `sketch` returns, without names of objects
@@ -214,7 +214,14 @@ class Task(TwinHolder):
         Evaluation
 
         """
-        return self._evaluation_by_twin(state, now) or self.make_evaluation(state, now)
+        return self.masked(self._evaluation_by_twin(state, now)
+                           or self.make_evaluation(state, now))
+
+    def masked(self, evaluation: Evaluation) -> Evaluation:
+        """Return an evaluation of the task, whose level gets the mask of the task."""
+        if self.joint_mask is not None:
+            evaluation.level.joints = self.joint_mask
+        return evaluation
 
     def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
         """Return the `Evaluation` by one compiled call; None where the reference is needed."""
@@ -240,7 +247,8 @@ class Task(TwinHolder):
 
     def _evaluate_around_level(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` of a type that overrides `level`."""
-        return Evaluation(self, self.level(state, now), self.error(state), self.row_names)
+        return self.masked(
+            Evaluation(self, self.level(state, now), self.error(state), self.row_names))
 
     def probe(self: SomeTask) -> SomeTask:
         """Return an independent copy for evaluation outside the cycles."""

@@ -130,7 +130,8 @@ def check(task: Task, evaluation: Evaluation, n: int) -> None:
         raise EvaluationError(task.name, 'evaluate must return an Evaluation of the task, got '
                                          f'{type(evaluation).__name__}')
     try:
-        level = evaluation.level = check_level(evaluation.level, 'its level')
+        evaluation.level = check_level(evaluation.level, 'its level')
+        level = task.masked(evaluation).level
     except SolverError as error:
         raise EvaluationError(task.name, str(error)) from error
     rows = len(level.J)

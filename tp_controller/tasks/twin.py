@@ -15,13 +15,14 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 from tp_controller.model.compiled import Motion
 from tp_controller.model.spatial import Array
 from tp_controller.solver.compiled import core
+from tp_controller.solver.level import Mask
 
 # Kinds of twins, in the order of the readers in task_object.h.
 (FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS, SPEED_LIMIT, REGION, JOINT_LIMIT_DISTANCE,
  CONE) = range(9)
 # rows, whether the mode is ``scale``, gain, feed-forward velocity (or the twist of the
-# goal), its time of arrival, timeout
-Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float]
+# goal), its time of arrival, timeout, mask of the joints
+Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float, Mask | None]
 
 
 class CompiledTask(Protocol):

@@ -92,4 +92,4 @@ class TwinHolder(KeyHolder):
         added = self._feed_forward
         return (self.rows, self.mode == 'scale', read_only(self.gain),
                 None if added is None else read_only(self.in_rows(added)),
-                self._feed_forward_time, self.timeout)
+                self._feed_forward_time, self.timeout, self.joint_mask)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import inspect
 from typing import Any
 
+from tp_controller.model.joint_groups import velocities_of
 from tp_controller.tasks.keys import parse_gain, parse_tolerance, positive
 
 # Default of a key that is required.
@@ -104,6 +105,13 @@ def gain_key(text: str, default: float = DEFAULT_GAIN) -> Any:
     """Declare the key `gain` [1/s]; see `yaml_key`."""
     return yaml_key(text, default=default, unit='1/s', valid=positive.range,
                     parse_for=lambda task, gain: parse_gain(gain, task.rows or None))
+
+
+def joints_key(text: str, name: str = '') -> Any:
+    """Declare a key for names of joints and groups, None by default; see `yaml_key`."""
+    return yaml_key(text, default=None, name=name, parse_for=lambda task, names: None
+                    if names is None else velocities_of(names, task.robot.velocity_names,
+                                                        task.robot.groups))
 
 
 def tolerance_key(text: str, unit: str) -> Any:

@@ -52,6 +52,14 @@ STACKS = {
                   'panda_link5, target: panda_hand_tcp, up: x}\n- posture: {type: posture}\n',
     'velocities': f'- move: {{type: twist, frame: {TOOL}}}\n'
                   '- turn: {type: joint_velocity, joints: panda_joint1}\n',
+    'masks': f'- slow: {{type: speed_limit, frame: {TOOL}, linear: 0.1, '
+             'excluded_joints: panda_joint1}\n'
+             f'- tool: {{type: position, frame: {TOOL}, '
+             'joints: [panda_joint1, panda_joint2, panda_joint4]}\n'
+             f'- most: {{type: manipulability, frame: {TOOL}, joints: [panda_joint5]}}\n'
+             '- [a: {type: joint, joints: panda_joint3, excluded_joints: panda_joint7}, '
+             'b: {type: joint, joints: panda_joint6, excluded_joints: panda_joint7}]\n'
+             '- posture: {type: posture, excluded_joints: panda_joint2}\n',
     'nothing': '- posture: {type: posture}\n',
 }
 
@@ -101,6 +109,7 @@ def assert_equal_cycles(one, other):
         close(found.J, expected.J)
         assert (found.v is None) == (expected.v is None)
         assert (found.mode, found.is_identity) == (expected.mode, expected.is_identity)
+        np.testing.assert_array_equal(found.joints, expected.joints)
         for name in ('v', 'lower', 'upper'):
             if getattr(expected, name) is not None:
                 close(getattr(found, name), getattr(expected, name))
@@ -121,6 +130,7 @@ def assert_equal_cycles(one, other):
         close(found.velocity, expected.velocity, 1e-9)
         close(found.multipliers, expected.multipliers, 1e-9)
         close(found.scale, expected.scale, 1e-9)
+        close(found.unreachable, expected.unreachable, 1e-9)
     close(one.place.q, other.place.q)
     assert_equal_memories(one.memory, other.memory)
 
@@ -507,9 +517,9 @@ def test_equal_records_give_equal_bits():
 def test_tasks_that_do_not_fit_are_refused_and_nothing_changes():
     compiled, fits = cycle_of_core()
     before, motion = compiled.run(*fits), fits[1]
-    far = core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0),
+    far = core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0, None),
                     (10 ** 6, -1, bytes(range(6)), None, None))
-    law = (1, False, np.array(2.0), None, 0.0, 1.0)
+    law = (1, False, np.array(2.0), None, 0.0, 1.0, None)
     demand = core.Task(JOINTS, law, (np.zeros(1), False, None, np.zeros(1)))
     bounds = core.Task(JOINT_LIMITS, law, (np.zeros(1), -np.ones(1), np.ones(1), 0.2))
     for given in ((motion, ((demand, bounds),)), (motion, ((None, demand, bounds),)),
@@ -539,7 +549,7 @@ def test_steps_that_do_not_fit_together_are_refused():
 
 def test_objects_that_are_lent_are_given_back():
     compiled, fits = cycle_of_core()
-    motion, task = fits[1], core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0),
+    motion, task = fits[1], core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0, None),
                                       (1, -1, bytes(range(6)), None, None))
 
     def use():

@@ -5,7 +5,8 @@
 
 from dataclasses import replace
 
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 import numpy as np
 from problems import (
     as_levels,
@@ -53,9 +54,9 @@ def is_clear(n, hierarchy, least=1e-2):
         free = null_of(above)
         spaces = [free]
         if mask is not None and free.size:
-            held = free[~mask]
-            spaces.append(free @ null_of(held))
-            if not _is_clear(held, 1.0, least):
+            fixed = free[~mask]
+            spaces.append(free @ null_of(fixed))
+            if not _is_clear(fixed, 1.0, least):
                 return False
         if not all(_is_clear(J @ space, np.linalg.norm(J), least) for space in spaces):
             return False
@@ -105,7 +106,7 @@ def test_levels_below_do_not_change_what_a_level_with_a_mask_does(problem):
 
 @pytest.mark.parametrize('weights', [None, [9.0, 1.0, 1.0]])
 @pytest.mark.parametrize('scaling', ['uniform', 'redistribute'])
-def test_no_other_joint_takes_over_from_those_of_a_mask(weights, scaling):
+def test_no_other_joint_replaces_those_of_a_mask(weights, scaling):
     x = solve([replace(level(TOOL, [2.0, 1.0]), joints=FIRST)], weights=weights,
               scaling=scaling).velocity
     np.testing.assert_allclose(x, [2.0, 0.0, 1.0], atol=1e-15)
@@ -171,7 +172,7 @@ def test_level_with_bounds_moves_the_joints_of_its_mask_only():
 
 @given(SEEDS)
 @settings(max_examples=50)
-def test_curvature_counts_what_the_levels_above_balance_not_what_held_joints_do(seed):
+def test_curvature_counts_what_the_levels_above_balance_not_what_others_do(seed):
     rng = np.random.default_rng(seed)
     above, J = rng.standard_normal((2, 6)), rng.standard_normal((3, 6))
     joints = np.array([True, True, True, False, False, False])
