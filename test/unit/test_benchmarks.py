@@ -173,7 +173,7 @@ def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     ['calm.py', '--goals', '4', '--rates', '20'], ['calm.py', '--stacks', '4'],
     ['loss.py', '--states', '4', '--below', '2'],
     ['loss.py', '--states', '1', '--below', '1', '--cycles', '3'], ['forms.py'],
-    ['weights.py', '--states', '2', '--goals', '1'],
+    ['weights.py', '--states', '2', '--goals', '1'], ['masks.py', '--stacks', '50'],
     ['jumps.py', '--runs', '1'], ['references.py', '--runs', '1'],
     ['jerk.py', '--cycles', '120000', '--moves', '0', '--goals', '1'],
     ['causes.py', '--tasks', '2'], ['hints.py', '--hints', '2'],
