@@ -6,8 +6,9 @@ Compare levels that use some joints only with an oracle, and with columns of zer
 
 Run as ``python benchmarks/masks.py``; ``--stacks 1000`` for a first impression. Random stacks of
 one to four levels on 3 to 10 joints; three fifths of the levels have a mask of their joints, half
-of the stacks weights of the joints from 0.1 to 10. The oracle is written from the definition, by
-numpy alone: sets of columns, null spaces of stacked rows, and least squares.
+weights of their rows from 1e-2 to 1e2, and half of the stacks weights of the joints from 0.1 to
+10. The oracle is written from the definition, by numpy alone: sets of columns, null spaces of
+stacked rows, and least squares.
 
 The first table has the worst of all stacks: the velocities and the residuals of all levels beside
 those of the oracle, how much the levels below change a level (the part of J x that changes once
@@ -67,7 +68,9 @@ def draw(random: np.random.Generator) -> Case:
             J[-1] = J[0]
         joints = random.random(n) < random.choice([0.4, 0.7, 0.9])
         masked = random.random() < 0.6 and not joints.all()
-        levels.append(Level(J, random.standard_normal(m), joints=joints if masked else None))
+        weights = 10.0 ** random.uniform(-2.0, 2.0, m) if random.random() < 0.5 else None
+        levels.append(Level(J, random.standard_normal(m), joints=joints if masked else None,
+                            weights=weights))
     return Case(levels, 10.0 ** random.uniform(-1.0, 1.0, n) if random.random() < 0.5 else None)
 
 
@@ -87,6 +90,11 @@ def shortest(x: np.ndarray, F: np.ndarray, origin: np.ndarray, root: np.ndarray)
     return x + F @ y
 
 
+def roots(level: Level) -> np.ndarray:
+    """Return the roots of the weights of the rows of a level (m,)."""
+    return np.ones(len(level.J)) if level.weights is None else np.sqrt(level.weights)
+
+
 def columns(F: np.ndarray, joints: np.ndarray | None) -> np.ndarray:
     """Return the motions in the span of F that move the joints of a mask only."""
     return F if joints is None or not F.size else F @ null_of(F[~joints])
@@ -102,7 +110,9 @@ def oracle(case: Case) -> np.ndarray:
         if joints is not None:
             x = shortest(x, F, own, root)
         origin, F = x, columns(F, joints)
-        x = x + F @ np.linalg.lstsq(J @ F, level.v - J @ x, rcond=ZERO)[0]
+        rooted = roots(level)
+        x = x + F @ np.linalg.lstsq(rooted[:, np.newaxis] * (J @ F), rooted * (level.v - J @ x),
+                                    rcond=ZERO)[0]
         rows = np.concatenate([rows, J])
         if joints is not None:
             x = shortest(x, columns(null_of(rows), joints), origin, root)
@@ -150,8 +160,9 @@ def compare(case: Case) -> Worst:
     """Return the worst differences of a stack."""
     x, expected = velocity(*case), oracle(case)
     size = 1.0 + float(np.linalg.norm(expected))
-    residuals = [abs(np.linalg.norm(level.v - level.J @ x)
-                     - np.linalg.norm(level.v - level.J @ expected)) for level in case.levels]
+    residuals = [abs(np.linalg.norm(roots(level) * (level.v - level.J @ x))
+                     - np.linalg.norm(roots(level) * (level.v - level.J @ expected)))
+                 for level in case.levels]
     first = case.levels[0]
     outside = 0.0 if first.joints is None else float(
         np.abs(velocity([first], case.weights)[~first.joints]).max())
@@ -162,7 +173,8 @@ def compare(case: Case) -> Worst:
 
 def disturbances(case: Case) -> list[float]:
     """Return how much the levels below change each level whose columns are zeros."""
-    cut = [Level(level.J if level.joints is None else level.J * level.joints, level.v)
+    cut = [Level(level.J if level.joints is None else level.J * level.joints, level.v,
+                 weights=level.weights)
            for level in case.levels]
     x, found = velocity(cut, case.weights), []
     for count, level in enumerate(case.levels[:-1], 1):

@@ -260,22 +260,22 @@ class CycleRecord:
     def _group(self, tasks: list[tuple[Task, Twin | None]], given: Iterator[Evaluation],
                errors: Iterator[Array]) -> list[Evaluation]:
         """Return the evaluations of the tasks of the next level."""
-        count, bounded, _, masked = map(int, self._take(4).tolist())
-        joints = self._take(self._n).astype(bool) if masked else None
+        count, bounded, _, masked, weighted = map(int, self._take(5).tolist())
+        self._take(self._n * masked)
         parts = self._take(2 * count).astype(int).reshape(count, 2).tolist()
         m, is_identity = sum(rows for rows, _ in parts), count == 1 and parts[0][1]
         J = identity(self._n) if is_identity else self._take(m * self._n).reshape(m, self._n)
         v, upper = self._take(m), self._take(m) if bounded else None
+        self._take(m * weighted)
         found, first = [], 0
         for (task, twin), (rows, every_joint), error in zip(tasks, parts, errors):
             if twin is None:
                 found.append(next(given))
             else:
                 its = slice(first, first + rows)
-                level = Level(J[its], v[its], twin.mode, is_identity=bool(every_joint),
-                              joints=joints) if upper is None else \
-                    Level(J[its], lower=v[its], upper=upper[its], joints=joints)
-                found.append(Evaluation(task, level, error, task.row_names))
+                level = Level(J[its], v[its], twin.mode, is_identity=bool(every_joint)) \
+                    if upper is None else Level(J[its], lower=v[its], upper=upper[its])
+                found.append(task.complete(Evaluation(task, level, error, task.row_names)))
             first += rows
         return found
 

@@ -60,8 +60,9 @@ class BoundedHierarchy {
     const Directions whole = known ? *known
         : above_.size() < shared_.count ? shared_.directions[above_.size()]
         : Decomposition(arena_, level, Z_, above_.empty(), !relaxed_).found();
-    const Directions its = !level.joints ? whole
+    Directions its = !level.joints ? whole
         : Decomposition(arena_, level, others.its.free(), false, !relaxed_).found();
+    its.P = projection(arena_, level, its);
     const int rank = its.rank;
     double *gains = arena_.take(rank), *step = arena_.take(rank), *missing = arena_.take(level.m);
     damping().gains(its.s, rank, c, gains);
@@ -74,7 +75,7 @@ class BoundedHierarchy {
     const double *multipliers = nullptr;
     if (!take(origin, its.Q, step, rank))
       multipliers = level.scale ? keep_direction(level, its, gains, c)
-                                : come_near(origin, its.Q, step, its.s, rank, c);
+                                : come_near(origin, stiff(arena_, level, its, step), c);
     Step found;
     if (above_.empty() ? origin != rest_ : shortened_) found.origin = start;
     double *followed = arena_.take(rank);
@@ -83,6 +84,7 @@ class BoundedHierarchy {
         && (rank == 0 || followed[rank - 1] > 1.0 - ROUNDING);
     found.level = &level;
     found.directions = its;
+    found.directions.P = nullptr;
     found.followed = followed;
     found.bend = met ? 0.0 : bend_of(level, its, multipliers, others);
     apart(multipliers, found);
@@ -117,7 +119,7 @@ class BoundedHierarchy {
     found.level = &level;
     const double *multipliers = nullptr;
     if (!met) {
-      multipliers = meet(Z, m, value, c);
+      multipliers = meet(Z, level, value, c);
       for (int i = 0; i < m; ++i) {
         const double now = dot(rows + size_t(i) * n, x_, n);
         lower[i] = std::min(lower[i], now);
@@ -246,6 +248,10 @@ class BoundedHierarchy {
     return take(x_, Q, step, rank) ? nullptr : come_near(x_, Q, step, s, rank, c);
   }
 
+  const double *come_near(const double *origin, const Stiff &its, double c) {
+    return come_near(origin, its.Q, its.step, its.s, its.rank, c);
+  }
+
   const double *come_near(const double *origin, const Columns &Q, const double *step,
                           const double *s, int rank, double c) {
     const int k = Q.k;
@@ -314,14 +320,16 @@ class BoundedHierarchy {
     const double push = norm(missed, level.m);
     if (push <= NEGLIGIBLE * norm(level.v, level.m)) return 0.0;
     double h = level.is_identity ? 0.0 : bend(its.size, push);
+    if (level.weights)
+      multipliers = weigh(arena_, level, missed, multipliers, n_ + allowed_.count);
     level.add_transposed(1.0, missed, force);
     return h + bend_against(arena_, force, multipliers, allowed_, above_, others,
                             damping_.release_region);
   }
 
-  // Move x to within bounds on what the next m rows gain; return multipliers where it cannot.
-  const double *meet(const Columns &Z, int m, const double *value, double c) {
-    const int before = allowed_.count, k = Z.k;
+  // Move x to within bounds on what the next rows gain; return multipliers where it cannot.
+  const double *meet(const Columns &Z, const Level &level, const double *value, double c) {
+    const int before = allowed_.count, k = Z.k, m = level.m;
     const double *rows = allowed_.rows + size_t(before) * n_;
     double *G = arena_.take(size_t(m) * k), *lower = arena_.take(m), *upper = arena_.take(m);
     double *asked = arena_.take(m);
@@ -340,15 +348,16 @@ class BoundedHierarchy {
     if (nearest_step(Z, m, G, lower, upper, asked)) return nullptr;
     touch_all();
     // One more variable for each row: what is missing to its bound.
-    const Program soft = with_rows(Z, m, m, G, lower, upper);
+    const Program soft = allowed_.with_rows(arena_, x_, Z, m, m, G, lower, upper);
     double *stiffness = arena_.take(soft.k), *target = arena_.zeros(soft.k);
+    const double *root = level.root(arena_);
     const double mu = damping_.regularisation;
     for (int j = 0; j < k; ++j) {
       stiffness[j] = std::max(c, mu * mu);
       target[j] = -dot(Z[j], x_, n_);
     }
     for (int i = 0; i < m; ++i) {
-      const double length = allowed_.lengths[before + i];
+      const double length = allowed_.lengths[before + i] * root[i];
       stiffness[k + i] = length * length;
     }
     const Answer least = regularised(arena_, stiffness, target, soft, 0.0, target);
@@ -358,7 +367,7 @@ class BoundedHierarchy {
   // Take the smallest step within bounds on what m rows gain; say whether there is one.
   bool nearest_step(const Columns &Z, int m, const double *G, const double *lower,
                     const double *upper, const double *asked) {
-    const Program program = with_rows(Z, m, 0, G, lower, upper);
+    const Program program = allowed_.with_rows(arena_, x_, Z, m, 0, G, lower, upper);
     const Answer found = {arena_.take(program.k), arena_.take(program.rows)};
     // No looser tolerance may find it.
     if (!nearest_point(arena_, arena_.zeros(program.k), program, nullptr, 1.0, found, FEASIBLE))
@@ -408,21 +417,6 @@ class BoundedHierarchy {
     share = std::min(share, 1.0);
     lower = share * std::max(lower, 0.0) + std::min(lower, 0.0);
     upper = share * std::min(upper, 0.0) + std::max(upper, 0.0);
-  }
-
-  // All that is allowed, and m rows more; with one variable more for each of them, or none.
-  Program with_rows(const Columns &Z, int m, int more, const double *G, const double *lower,
-                    const double *upper) {
-    Program program = allowed_.along(arena_, x_, Z, m, more);
-    for (int i = 0; i < m; ++i) {
-      const int at = n_ + allowed_.count + i;
-      double *row = program.A + size_t(at) * program.k;
-      std::copy(G + size_t(i) * Z.k, G + size_t(i + 1) * Z.k, row);
-      if (more) row[Z.k + i] = 1.0;
-      program.lower[at] = lower[i];
-      program.upper[at] = upper[i];
-    }
-    return program;
   }
 
   // The null space of all levels, without relaxed directions.

@@ -71,7 +71,7 @@ class RecordReader {
 
   // The next level, and its tasks.
   void level(int n, SolvedCycle &cycle) {
-    const double *head = take(4);
+    const double *head = take(5);
     const int tasks = count(head[0]);
     need(tasks > 0);
     Level its = {0, n, head[1] != 0.0, head[2] != 0.0, false, nullptr, nullptr, nullptr, nullptr};
@@ -86,6 +86,7 @@ class RecordReader {
     if (!its.is_identity) its.J = take(size_t(its.m) * n);
     (its.bounded ? its.lower : its.v) = take(its.m);
     if (its.bounded) its.upper = take(its.m);
+    if (head[4] != 0.0) its.weights = take(its.m);
     cycle.levels.push_back(its);
   }
 

@@ -23,6 +23,20 @@ double balance(Arena &arena, const Level &level, const Directions &its, double s
   return norm(mu, its.rank);
 }
 
+// Weigh the residual (m,) of a level with weights, in place, and return its multipliers in the same
+// units: those of the residual, whatever the weights.
+const double *weigh(Arena &arena, const Level &level, double *missed, const double *multipliers,
+                    int count) {
+  const double push = norm(missed, level.m), *root = level.root(arena);
+  for (int i = 0; i < level.m; ++i) missed[i] *= root[i] * root[i];
+  const double share = push / norm(missed, level.m);
+  for (int i = 0; i < level.m; ++i) missed[i] *= share;
+  if (!multipliers) return nullptr;
+  double *found = arena.zeros(count);
+  add(share, multipliers, found, count);
+  return found;
+}
+
 // The part of h from the constraints that balance a force (n,), which it overwrites.
 double bend_against(Arena &arena, double *force, const double *multipliers,
                     const Polytope &allowed, const std::vector<Above> &above,

@@ -27,7 +27,7 @@ class MinNorm {
     for (double c : curved) most_curved = std::max(most_curved, c);
     const Level *closing = nullptr;
     if (count && levels[count - 1]->is_identity) {
-      if (!damping_.spares(1.0, curved[count - 1])) return false;
+      if (levels[count - 1]->weights || !damping_.spares(1.0, curved[count - 1])) return false;
       closing = levels[--count];
     }
     std::fill(x, x + n_, 0.0);

@@ -22,15 +22,16 @@ struct Directions {
   double *U = nullptr, *s = nullptr;     // U (m, rank), column by column
   Columns Q;
   double size = 0.0;
+  const double *P = nullptr;             // as U: coordinates of a demand; none: U
 
   const double *task(int i) const { return U + size_t(i) * m; }
 
   // The motions of the null space.
   Columns free() const { return {Q[rank], Q.n, Q.k - rank}; }
 
-  // y ← Uᵀ w
+  // y ← Uᵀ w, or Pᵀ w
   void seen(const double *w, double *y) const {
-    for (int i = 0; i < rank; ++i) y[i] = dot(task(i), w, m);
+    for (int i = 0; i < rank; ++i) y[i] = dot((P ? P : U) + size_t(i) * m, w, m);
   }
 };
 
@@ -210,6 +211,56 @@ class Decomposition {
   double *T_ = nullptr;
   Directions found_;
 };
+
+// √W U diag(s) = P diag(θ) Rᵀ of a level with weights, or without s: P is U, R is Q.
+Directions weighted(Arena &arena, const Level &level, const Directions &of, bool with_s) {
+  const int m = of.m, rank = of.rank;
+  const double *root = level.root(arena);
+  double *J = arena.take(size_t(m) * rank);
+  for (int i = 0; i < m; ++i)
+    for (int j = 0; j < rank; ++j)
+      J[size_t(i) * rank + j] = root[i] * of.task(j)[i] * (with_s ? of.s[j] : 1.0);
+  const Columns all = {arena.zeros(size_t(rank) * rank), rank, rank};
+  for (int j = 0; j < rank; ++j) all[j][j] = 1.0;
+  const Level rows = {m, rank, false, false, false, J, nullptr, nullptr, nullptr};
+  return Decomposition(arena, rows, all, true, true).found();
+}
+
+// The coordinates of a demand with weights, where some rows cannot be met; none where these are
+// those of U.
+const double *projection(Arena &arena, const Level &level, const Directions &of) {
+  if (!level.weights || of.rank == of.m || of.rank == 0) return nullptr;
+  const Directions its = weighted(arena, level, of, false);
+  const double *root = level.root(arena);
+  double *P = arena.zeros(size_t(of.m) * of.rank);
+  for (int l = 0; l < of.rank; ++l)
+    for (int j = 0; j < of.rank; ++j)
+      for (int i = 0; i < of.m; ++i)
+        P[size_t(j) * of.m + i] += root[i] * its.task(l)[i] / its.s[l] * its.Q[l][j];
+  return P;
+}
+
+// Motions Q of a level, its step along them (rank,), and the roots of the stiffnesses of these.
+struct Stiff {
+  Columns Q;
+  const double *step, *s;
+  int rank;
+};
+
+// With weights, in coordinates in which these give stiffnesses θ².
+Stiff stiff(Arena &arena, const Level &level, const Directions &its, const double *step) {
+  const int n = its.Q.n, rank = its.rank;
+  if (!level.weights || rank == 0) return {its.Q, step, its.s, rank};
+  const Directions turn = weighted(arena, level, its, true);
+  const Columns Q = {arena.copy(its.Q.p, size_t(n) * its.Q.k), n, its.Q.k};
+  double *turned = arena.take(rank);
+  for (int i = 0; i < rank; ++i) {
+    std::fill(Q[i], Q[i] + n, 0.0);
+    add_columns(its.Q, turn.Q[i], rank, Q[i]);
+    turned[i] = dot(turn.Q[i], step, rank);
+  }
+  return {Q, turned, turn.s, rank};
+}
 
 // A level and its directions.
 struct Decomposed {

@@ -73,6 +73,21 @@ struct Polytope {
     }
     return program;
   }
+
+  // The same, and m rows G (m, k) more; with one variable more for each of them, or none.
+  Program with_rows(Arena &arena, const double *origin, const Columns &Q, int m, int more,
+                    const double *G, const double *least, const double *most) const {
+    Program program = along(arena, origin, Q, m, more);
+    for (int i = 0; i < m; ++i) {
+      const int at = n + count + i;
+      double *row = program.A + size_t(at) * program.k;
+      std::copy(G + size_t(i) * Q.k, G + size_t(i + 1) * Q.k, row);
+      if (more) row[Q.k + i] = 1.0;
+      program.lower[at] = least[i];
+      program.upper[at] = most[i];
+    }
+    return program;
+  }
 };
 
 }  // namespace

@@ -13,7 +13,8 @@
 namespace {
 
 // Names of the attributes of a `Level`.
-PyObject *J_NAME, *V_NAME, *MODE_NAME, *LOWER_NAME, *UPPER_NAME, *IDENTITY_NAME, *JOINTS_NAME;
+PyObject *J_NAME, *V_NAME, *MODE_NAME, *LOWER_NAME, *UPPER_NAME, *IDENTITY_NAME, *JOINTS_NAME,
+    *WEIGHTS_NAME;
 
 void need(bool fine) {
   if (!fine) throw Unsolved();
@@ -63,7 +64,8 @@ Level read_level(Arena &arena, PyObject *object, int n) {
   const Held mode(PyObject_GetAttr(object, MODE_NAME));
   const Held identity(PyObject_GetAttr(object, IDENTITY_NAME));
   const Held joints(PyObject_GetAttr(object, JOINTS_NAME));
-  if (!J || !v || !mode || !identity || !joints) {
+  const Held weights(PyObject_GetAttr(object, WEIGHTS_NAME));
+  if (!J || !v || !mode || !identity || !joints || !weights) {
     PyErr_Clear();
     throw Unsolved();
   }
@@ -87,6 +89,10 @@ Level read_level(Arena &arena, PyObject *object, int n) {
       need(finite(rows, level.m * n));
       level.J = rows;
     }
+  }
+  if (weights != Py_None) {
+    level.weights = read(arena, weights, level.m);
+    for (int i = 0; i < level.m; ++i) need(level.weights[i] > 0.0 && level.weights[i] < INF);
   }
   if (!level.bounded) {
     level.v = read(arena, v, level.m);
@@ -285,7 +291,8 @@ PyMethodDef SOLVER_METHODS[] = {
 bool intern_level_names() {
   return intern(J_NAME, "J") && intern(V_NAME, "v") && intern(MODE_NAME, "mode")
       && intern(LOWER_NAME, "lower") && intern(UPPER_NAME, "upper")
-      && intern(IDENTITY_NAME, "is_identity") && intern(JOINTS_NAME, "joints");
+      && intern(IDENTITY_NAME, "is_identity") && intern(JOINTS_NAME, "joints")
+      && intern(WEIGHTS_NAME, "weights");
 }
 
 }  // namespace

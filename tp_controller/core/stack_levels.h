@@ -26,6 +26,22 @@ inline size_t copy_rows(const Level &from, double *J, double *v, double *most) {
   return size_t(from.m);
 }
 
+// The weights of the rows, m in all, of a group; none where no task has any.
+inline const double *weights_of(Arena &arena, const Group &group, const std::vector<Level> &given,
+                                size_t next, size_t m) {
+  double *weights = nullptr;
+  size_t at = 0;
+  for (const Task *task : group) {
+    const Level *other = task ? nullptr : &given[next++];
+    const double *its = task ? task->weights() : other->weights;
+    const size_t rows = size_t(task ? task->rows() : other->m);
+    if (its && !weights) std::fill_n(weights = arena.take(m), m, 1.0);
+    if (its) std::copy(its, its + rows, weights + at);
+    at += rows;
+  }
+  return weights;
+}
+
 // Add the level of a group, the rows of its tasks one below the other, and the evaluations of its
 // tasks; `given`, from `next` on: levels of tasks that Python evaluates. False where the reference
 // has to.
@@ -42,7 +58,8 @@ bool join(Arena &arena, const Situation &at, const Group &group, const std::vect
   double *v = arena.take(m), *most = bounded ? arena.take(m) : nullptr;
   levels.push_back({int(m), n, bounded, first ? first->scale() : other->scale, identity, J,
                     bounded ? nullptr : v, bounded ? v : nullptr, most,
-                    first ? first->joints() : other->joints});
+                    first ? first->joints() : other->joints,
+                    weights_of(arena, group, given, next, m)});
   for (Task *task : group) {
     size_t rows;
     if (task) {

@@ -126,16 +126,16 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
 }
 
 // Call with the numbers of each level: how many tasks, whether it has bounds, is scaled, has a mask;
-// this mask; rows of each task, and whether its J is the identity; J, unless it is the identity; v, or bounds.
+// weights; the mask and the weights; rows of each task, and whether its J is the identity; J, unless it is the identity; v, or bounds.
 // Then with the error of each task that has a twin.
 template <typename Put>
 void put_levels(const ControlCycle &cycle, Put put) {
   auto level = cycle.solver.levels.begin();
   auto given = cycle.given.begin();
   for (const Group &group : cycle.groups()) {
-    const double head[4] = {double(group.size()), double(level->bounded), double(level->scale),
-                            double(level->joints != nullptr)};
-    put(head, 4);
+    const double head[5] = {double(group.size()), double(level->bounded), double(level->scale),
+                            double(level->joints != nullptr), double(level->weights != nullptr)};
+    put(head, 5);
     if (level->joints) put(level->joints, size_t(level->n));
     for (const Task *task : group) {
       const double its[2] = {double(task ? task->rows() : given->m),
@@ -147,6 +147,7 @@ void put_levels(const ControlCycle &cycle, Put put) {
     if (!level->is_identity) put(level->J, m * level->n);
     put(level->bounded ? level->lower : level->v, m);
     if (level->bounded) put(level->upper, m);
+    if (level->weights) put(level->weights, m);
     ++level;
   }
 }

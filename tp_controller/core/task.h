@@ -30,7 +30,7 @@ struct Law {
   std::vector<double> gain;              // one for each row
   std::vector<double> feed_forward;      // one for each row, or a twist; none where empty
   double fed = 0.0, timeout = 0.0;       // time of arrival of the feed-forward velocity
-  std::vector<double> joints;            // see `Level`; none where empty
+  std::vector<double> joints, weights;   // see `Level`; none where empty
 
   // v = K error + feed-forward, here in rows; false where that has timed out: the reference drops it.
   bool demand(double now, const double *error, const double *added, double *v) const {
@@ -63,6 +63,7 @@ class Task {
   int rows() const { return law_.rows; }
   bool scale() const { return law_.scale; }
   const double *joints() const { return law_.joints.empty() ? nullptr : law_.joints.data(); }
+  const double *weights() const { return law_.weights.empty() ? nullptr : law_.weights.data(); }
   // The number of joints of its mask, or `n` without one.
   int joint_count(int n) const { return law_.joints.empty() ? n : int(law_.joints.size()); }
   virtual bool bounded() const { return false; }

@@ -39,12 +39,13 @@ bool read_rows_of(PyObject *object, int rows, std::vector<double> &found) {
   return true;
 }
 
-// (rows, scale, gain, feed_forward or None, fed, timeout, joints or None)
+// (rows, scale, gain, feed_forward or None, fed, timeout, joints or None,
+// weights or None)
 bool read_law(PyObject *object, Law &law) {
   int scale;
-  PyObject *gain, *feed_forward, *joints;
-  if (!PyArg_ParseTuple(object, "ipOOddO", &law.rows, &scale, &gain, &feed_forward, &law.fed,
-                        &law.timeout, &joints)) return false;
+  PyObject *gain, *feed_forward, *joints, *weights;
+  if (!PyArg_ParseTuple(object, "ipOOddOO", &law.rows, &scale, &gain, &feed_forward, &law.fed,
+                        &law.timeout, &joints, &weights)) return false;
   law.scale = scale;
   if (joints != Py_None) {
     const Py_ssize_t n = PyObject_Size(joints);
@@ -53,6 +54,7 @@ bool read_law(PyObject *object, Law &law) {
         || !read_mask(joints, Py_ssize_t(law.joints.size()), law.joints.data())) return false;
   }
   return law.rows >= 1 && law.rows <= MOST && read_rows_of(gain, law.rows, law.gain)
+      && (weights == Py_None || read_rows_of(weights, law.rows, law.weights))
       && (feed_forward == Py_None || read_all(feed_forward, law.feed_forward));
 }
 

@@ -61,6 +61,7 @@ struct SolvedCycle {
     level.v = from(level.v, 1);
     level.lower = from(level.lower, 1);
     level.upper = from(level.upper, 1);
+    level.weights = from(level.weights, 1);
     return level;
   }
 };
@@ -212,6 +213,7 @@ class Variants {
     found.v = joined(whole.v, parts, found.m, 1);
     found.lower = joined(whole.lower, parts, found.m, 1);
     found.upper = joined(whole.upper, parts, found.m, 1);
+    found.weights = joined(whole.weights, parts, found.m, 1);
     return found;
   }
 

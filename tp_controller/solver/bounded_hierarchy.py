@@ -47,7 +47,9 @@ from tp_controller.solver.null_space import (
     Directions,
     excluded,
     null_space,
+    projection,
     remaining,
+    weighted,
 )
 from tp_controller.solver.polytope import EMPTY, Polytope
 from tp_controller.solver.qp import nearest, regularised
@@ -101,13 +103,14 @@ class BoundedHierarchy:
         gains, origin = self.damping.gains(directions.s, c), self._origin(level)
         missing = level.v if origin is self._rest else level.v - level.J.dot(origin)
         start = None if origin is self._last or origin is self._rest else origin
-        step = gains * missing.dot(directions.U)
+        P = projection(level, directions)
+        step = gains * missing.dot(P)
         if self._take(origin + directions.moving.dot(step)):
             multipliers = EMPTY
         elif level.mode == 'scale':
-            multipliers = self._keep_direction(level, directions, gains, c)
+            multipliers = self._keep_direction(level, directions, P, gains, c)
         else:
-            multipliers = self._come_near(origin, directions.Q, step, directions.s, c)
+            multipliers = self._come_near(origin, *_stiff(level, directions, step), c)
         followed = directions.s * gains
         met = not len(multipliers) and directions.rank == len(level.v) \
             and (not len(followed) or followed[-1] > 1.0 - ROUNDING)
@@ -123,17 +126,17 @@ class BoundedHierarchy:
             return self.x
         return self._own if level.joints is None else np.where(level.joints, self._own, self.x)
 
-    def _keep_direction(self, level: Level, directions: Directions, gains: Array,
+    def _keep_direction(self, level: Level, directions: Directions, P: Array, gains: Array,
                         c: float) -> Array:
         """Scale the step of a level down as little as the bounds allow, in its direction."""
-        J, U, s, Q = level.J, directions.U, directions.s, directions.Q
-        achieved = U.T.dot(J.dot(self.x))
+        J, s, Q = level.J, directions.s, directions.Q
+        achieved = P.T.dot(J.dot(self.x))
         if achieved.any():
             # The path to the demand begins at rest, or as near to rest as the bounds allow.
             self._step(self.x, Q, -gains * achieved, s, c)
         # Undo the feasible part of that step in full: it was damped already.
-        moved = U.T.dot(J.dot(self.x)) - achieved
-        step = gains * (U.T.dot(level.v) - achieved) - moved / s
+        moved = P.T.dot(J.dot(self.x)) - achieved
+        step = gains * (P.T.dot(level.v) - achieved) - moved / s
         length = norm(step)
         if length == 0.0:
             return EMPTY
@@ -210,6 +213,11 @@ class BoundedHierarchy:
         if push <= NEGLIGIBLE * norm(level.v):
             return 0.0
         h = 0.0 if level.is_identity else bend(directions.size, push)
+        if level.weights is not None:
+            # In the units of the residual, whatever the weights.
+            missed = level.root ** 2 * missed
+            share = push / norm(missed)
+            missed, multipliers = share * missed, share * multipliers
         return h + self._bend_against(missed.dot(level.J), multipliers, others)
 
     def _bend_against(self, force: Array, multipliers: Array, others: Decomposed | None) -> float:
@@ -230,7 +238,8 @@ class BoundedHierarchy:
         values = rows.dot(self.x)
         multipliers = EMPTY
         if not within(values, lower, upper):
-            multipliers = self._meet(Z, rows, lower - values, upper - values, lengths, c)
+            multipliers = self._meet(Z, rows, lower - values, upper - values,
+                                     lengths * level.root, c)
             values = rows.dot(self.x)
             lower, upper = np.minimum(lower, values), np.maximum(upper, values)
         self.allowed.add(rows, lower, upper, lengths)
@@ -238,7 +247,7 @@ class BoundedHierarchy:
         return LevelStep(self._after(level, start), None, EMPTY, None, *self._apart(multipliers),
                          bend)
 
-    def _meet(self, Z: Array, rows: Array, lower: Array, upper: Array, lengths: Array,
+    def _meet(self, Z: Array, rows: Array, lower: Array, upper: Array, sizes: Array,
               c: float) -> Array:
         """Move x so that the change of rows x is within bounds; return multipliers on failure."""
         G, asked = rows.dot(Z), np.maximum(np.maximum(lower, -upper), 0.0)
@@ -250,7 +259,7 @@ class BoundedHierarchy:
                           np.concatenate([least, lower]), np.concatenate([most, upper])
                           ).solve(FEASIBLE)
         if found is None:
-            return self._miss(Z, G, lower, upper, lengths, c)
+            return self._miss(Z, G, lower, upper, sizes, c)
         # If other rows, and joints at their limits, leave a length s of a row, its multiplier is
         # its remaining demand / s².
         dearest = asked / ROW_DAMPING ** 2
@@ -281,7 +290,7 @@ class BoundedHierarchy:
         if found is not None:
             self._move(self.x, np.hstack([Z, np.zeros((len(self.x), count))]), found)
 
-    def _miss(self, Z: Array, G: Array, lower: Array, upper: Array, lengths: Array,
+    def _miss(self, Z: Array, G: Array, lower: Array, upper: Array, sizes: Array,
               c: float) -> Array:
         """Move x as near as is feasible to bounds that G a (r,) cannot satisfy; see `_meet`."""
         A, least, most = self.allowed.along(self.x, Z)
@@ -291,7 +300,7 @@ class BoundedHierarchy:
         stiffness, target = np.zeros((2, k + count))
         stiffness[:k] = np.maximum(c, self._damping.regularisation ** 2)
         target[:k] = -Z.T.dot(self.x)
-        stiffness[k:] = lengths * lengths
+        stiffness[k:] = sizes * sizes
         found = regularised(stiffness, target, A, np.concatenate([least, lower]),
                             np.concatenate([most, upper]), 0.0, target)
         if found is None:
@@ -341,6 +350,14 @@ class BoundedHierarchy:
         step = -cost.dot(self.x - origin).dot(directions.U) / s
         if not self._take(self.x + Q.dot(step)):
             self._move(self.x, Q, nearest(s * s, step, *self.allowed.along(self.x, Q)))
+
+
+def _stiff(level: Level, directions: Directions, step: Array) -> tuple[Array, Array, Array]:
+    """Return Q, step and s; with weights in coordinates in which these give stiffnesses θ²."""
+    if level.weights is None or not len(step):
+        return directions.Q, step, directions.s
+    R, theta = weighted(level, directions)
+    return np.hstack([directions.moving.dot(R), directions.free]), R.T.dot(step), theta
 
 
 def _reduced(lower: Array, upper: Array, share: Array) -> tuple[Array, Array]:

@@ -50,6 +50,9 @@ class Level:
     joints : ndarray (n,) of bool or None
         Joints that the level may move to meet its demand or bounds; None: all. Its null space,
         in which the levels below move the robot, is that of J, with all joints.
+    weights : ndarray (m,) or None
+        Weight of each row, positive, where not all rows can be met: Σ w_i residual_i² is least;
+        None: all weigh the same.
 
     """
 
@@ -62,6 +65,7 @@ class Level:
 
     is_identity: bool = False
     joints: Mask | None = None
+    weights: Array | None = None
 
     @classmethod
     def of_joints(cls, v: Array, mode: str = 'least_squares') -> 'Level':
@@ -73,6 +77,13 @@ class Level:
         if self.v is not None:
             return self.v
         return np.minimum(np.maximum(achieved, self.lower), self.upper)
+
+    @property
+    def root(self) -> Array:
+        """Return the roots of the weights (m,), the smallest of them 1."""
+        if self.weights is None:
+            return np.ones(len(self.J))
+        return np.sqrt(self.weights / self.weights.min(initial=np.inf))
 
     def meets(self, x: Array) -> bool:
         """Return whether velocities x (n,) satisfy the bounds."""
@@ -107,8 +118,8 @@ def check_levels(levels: Iterable[Any]) -> list[Level]:
     ------
     SolverError
         `levels` is not a sequence, shapes do not fit together, numbers are not finite or beyond
-        `LARGEST_NUMBER`, bounds contradict themselves, joints are not a mask, or a mode is unknown
-        or cannot be used.
+        `LARGEST_NUMBER`, bounds contradict themselves, joints are not a mask, weights are not
+        positive, or a mode is unknown or cannot be used.
 
     """
     try:
@@ -142,6 +153,8 @@ def check_level(level: Any, name: str) -> Level:
         raise SolverError(f'{name}: {unknown("mode", level.mode, MODES)}')
     J = _array(level.J, 2, f'{name}: J must be (m, n)')
     rows, joints = (J.shape[0],), _mask(level.joints, J.shape[1], name)
+    weights = None if level.weights is None else check_weights(
+        level.weights, J.shape[0], f'{name}: weights')
     if level.v is not None:
         if level.lower is not None or level.upper is not None:
             raise SolverError(f'{name}: has both a velocity v and bounds; give one of them')
@@ -152,13 +165,14 @@ def check_level(level: Any, name: str) -> Level:
         square = J.shape[0] == J.shape[1]
         checked = Level(J, v, level.mode,
                         is_identity=square and np.array_equal(J, identity(len(J))),
-                        joints=joints)
+                        joints=joints, weights=weights)
         moderate = _moderate(v)
     else:
         if level.mode != 'least_squares':
             raise SolverError(f'{name}: bounds have no direction that mode scale could keep')
         lower, upper = check_bounds(level.lower, level.upper, J.shape[0], name)
-        checked, moderate = Level(J, lower=lower, upper=upper, joints=joints), True
+        checked = Level(J, lower=lower, upper=upper, joints=joints, weights=weights)
+        moderate = True
     if not (moderate and _moderate(J)):
         raise SolverError(f'{name}: the levels hold numbers that are not finite, or beyond '
                           f'{LARGEST_NUMBER:g}')
@@ -198,6 +212,20 @@ def _mask(joints: Any, n: int, name: str) -> Mask | None:
     if mask.dtype != bool or mask.shape != (n,):
         raise SolverError(f'{name}: joints must be {n} of True and False, got {joints!r}')
     return None if mask.all() else mask
+
+
+def check_weights(weights: Any, n: int, name: str) -> Array:
+    """Return weights as an array (n,) of positive numbers, the smallest of them 1."""
+    try:
+        checked = np.asarray(weights, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SolverError(f'{name} must be {n} positive numbers: {error}') from error
+    if checked.shape != (n,) or not (checked > 0.0).all() or not np.isfinite(checked).all():
+        raise SolverError(f'{name} must be {n} positive numbers, got {checked.tolist()}')
+    if n and float(checked.max()) / float(checked.min()) > WEIGHT_RATIO:
+        raise SolverError(f'{name} must be within a factor of {WEIGHT_RATIO:g}, got '
+                          f'{checked.tolist()}')
+    return checked / checked.min(initial=np.inf)
 
 
 def _moderate(array: Array) -> bool:

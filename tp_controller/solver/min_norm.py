@@ -36,7 +36,7 @@ def min_norm(levels: list[Level], n: int, damping: Damping, period: float,
     """
     closing = None
     if levels and levels[-1].is_identity:
-        if not damping.spares(1.0, curved[-1]):
+        if levels[-1].weights is not None or not damping.spares(1.0, curved[-1]):
             return None
         *levels, last = levels
         closing = last.v

@@ -98,6 +98,28 @@ def decompose(level: Level, Z: Array | None = None, orthonormal: bool = True) ->
     return Directions(U[:, :rank], s[:rank], V, size)
 
 
+def projection(level: Level, directions: Directions) -> Array:
+    """
+    Return the P (m, rank) with which Pᵀ w are the coordinates in U of a demand w (m,).
+
+    U P ᵀ w is the part of w that can move: the orthogonal projection, P = U; or with weights the
+    one that is nearest in their norm, which differs where some rows cannot be met.
+    """
+    U = directions.U
+    if level.weights is None or U.shape[1] == len(U) or not U.size:
+        return U
+    root = level.root
+    P, s, R = singular_values(root[:, np.newaxis] * U)
+    rank = len(s)
+    return root[:, np.newaxis] * (P[:, :rank] / s).dot(R[:, :rank].T)
+
+
+def weighted(level: Level, directions: Directions) -> tuple[Array, Array]:
+    """Return the R (rank, rank) and θ of the decomposition √W U diag(s) = P diag(θ) Rᵀ."""
+    _, s, R = singular_values(level.root[:, np.newaxis] * directions.U * directions.s)
+    return R[:, :len(s)], s
+
+
 def excluded(joints: Mask, Z: Array) -> Decomposed:
     """
     Return the joints outside a mask (n,) as a level, and its `Directions` in the span of Z (n, k).

@@ -15,7 +15,7 @@ from warnings import warn
 import numpy as np
 from tp_controller.solver.level import Array, identity, Level, NEGLIGIBLE, norm, ROUNDING
 from tp_controller.solver.min_norm import moves_well
-from tp_controller.solver.null_space import decompose, Directions, excluded
+from tp_controller.solver.null_space import decompose, Directions, excluded, projection
 
 # State of a solver between two cycles: one number for each level, 0 where nothing is remembered.
 Memory: TypeAlias = tuple[float, ...]
@@ -157,7 +157,7 @@ class LevelSolution:
         if origin is not None:
             missing = missing - self._level.J.dot(origin)
         U, followed = self._directions.U, self._step.followed
-        along = U.T.dot(missing)
+        along = missing.dot(projection(self._level, self._directions))
         return missing - U.dot(followed * along if len(followed) else along)
 
     @property
@@ -355,7 +355,7 @@ class Solution:
                 its = decompose(level, excluded(level.joints, every)[1].free)
             missing = level.v if Z is None else level.v - level.J.dot(x)
             gains = 1.0 / its.s
-            x = x + its.moving.dot(gains * missing.dot(its.U))
+            x = x + its.moving.dot(gains * missing.dot(projection(level, its)))
             Z = whole.free
             found.append(LevelStep(x, its, its.s * gains))
         return found

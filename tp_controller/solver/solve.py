@@ -24,9 +24,9 @@ from tp_controller.solver.level import (
     Array,
     check_bounds,
     check_levels,
+    check_weights,
     LARGEST_NUMBER,
     Level,
-    WEIGHT_RATIO,
 )
 from tp_controller.solver.min_norm import min_norm
 from tp_controller.solver.polytope import Polytope
@@ -152,7 +152,7 @@ class PrioritySolver:
         if self.scaling not in SCALINGS:
             raise SolverError(unknown('scaling', self.scaling, SCALINGS))
         if self.weights is not None:
-            object.__setattr__(self, 'weights', _check_weights(self.weights, self.n))
+            object.__setattr__(self, 'weights', check_weights(self.weights, self.n, 'weights'))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields for a copy; a core cannot be copied."""
@@ -305,17 +305,3 @@ def _as_float(value: Any) -> float:
         return float(value)
     except OverflowError:
         return math.nan
-
-
-def _check_weights(weights: Any, n: int) -> Array:
-    """Return weights as an array (n,) of positive numbers, the smallest of them 1."""
-    try:
-        checked = np.asarray(weights, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise SolverError(f'weights must be {n} positive numbers: {error}') from error
-    if checked.shape != (n,) or not (checked > 0.0).all() or not np.isfinite(checked).all():
-        raise SolverError(f'weights must be {n} positive numbers, got {checked.tolist()}')
-    if n and float(checked.max()) / float(checked.min()) > WEIGHT_RATIO:
-        raise SolverError(f'weights must be within a factor of {WEIGHT_RATIO:g}, got '
-                          f'{checked.tolist()}')
-    return checked / checked.min(initial=np.inf)

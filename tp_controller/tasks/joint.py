@@ -83,6 +83,13 @@ class JointTask(Task):
         self._indices = np.array([robot.joint_index(joint) for joint in self.joints], dtype=int)
         self.units = tuple(robot.velocity_units[index] for index in self._indices)
 
+    def weight_names(self) -> dict[str, list[int]]:
+        """Return {name: indices of its rows} of joints, and of groups that have some of them."""
+        rows = {joint: [row] for row, joint in enumerate(self.joints)}
+        groups = {name: [rows[joint][0] for joint in joints if joint in rows]
+                  for name, joints in self.robot.groups.items()}
+        return {**{name: found for name, found in groups.items() if found}, **rows}
+
     def set_up(self) -> None:
         """Select the rows of the joints."""
         super().set_up()

@@ -34,6 +34,7 @@ from tp_controller.tasks.yaml_keys import (
     Key,
     REQUIRED,
     tolerance_key,
+    weights_key,
     yaml_key,
 )
 
@@ -81,6 +82,8 @@ class KeyHolder(GoalHolder):
         type whose `used_joints` is None has no such key.
     joint_mask : ndarray (n,) of bool or None
         Velocities that both leave the task; None for all.
+    row_weights : ndarray () or (rows,), or None
+        Weights of the rows; None if all weigh the same.
 
     """
 
@@ -107,6 +110,9 @@ class KeyHolder(GoalHolder):
         'joints and groups that the task may move (default: all)', name='joints')
     excluded_joints: tuple[str, ...] | None = joints_key(
         'joints and groups that the task must not move, such as base')
+    row_weights: Array | None = weights_key(
+        'weight of the rows where not all can be met: a number, one for each row, or one for each '
+        'unit as {m: …, rad: …}')
 
     type_name: ClassVar[str] = ''
     joint_mask: Mask | None = None
@@ -205,6 +211,11 @@ class KeyHolder(GoalHolder):
 
     def set_up(self) -> None:
         """Prepare a task whose keys are valid, or raise `TaskError`; a type may override this."""
+
+    def weight_names(self) -> dict[str, list[int]]:
+        """Return {name: indices of its rows} for the key `weights`; a type may override this."""
+        return {unit: [row for row, its in enumerate(self.units) if its == unit]
+                for unit in self.units}
 
     @classmethod
     def accepted_keys(cls) -> dict[str, Any]:

@@ -191,6 +191,31 @@ def parse_tolerance(units: Sequence[str],
                           positive(tolerances[unit])) for unit in present)
 
 
+def parse_weights(weights: Any, units: Sequence[str],
+                  names: Mapping[str, Sequence[int]]) -> Array:
+    """
+    Return weights of rows as an array () or (rows,), or raise ValueError.
+
+    Parameters
+    ----------
+    weights : float, sequence or mapping
+        One number, one for each row, or {name: number} of some rows; the others weigh 1.
+    units : sequence of str
+        Unit of each row.
+    names : mapping
+        {name: indices of rows}.
+
+    """
+    if not isinstance(weights, Mapping):
+        return parse_gain(weights, len(units) or None)
+    found = np.ones(len(units))
+    for name, weight in weights.items():
+        if name not in names:
+            raise ValueError(unknown('name of rows', name, names))
+        found[list(names[name])] = named_positive(str(name), weight)
+    return found
+
+
 def optional(parse: Callable[[Any], Checked]) -> Callable[[Any], Checked | None]:
     """Return a parser that leaves None as it is, and parses other values."""
     def parsed(value: Any) -> Checked | None:

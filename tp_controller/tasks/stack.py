@@ -286,13 +286,16 @@ def _is_equivalent(one: Task, other: Task) -> bool:
 
 def _joined(levels: Sequence[Level]) -> Level:
     """Return one level with the rows of several, either all with bounds or none."""
-    J = np.concatenate([level.J for level in levels])
+    J, weights = np.concatenate([level.J for level in levels]), None
+    if any(level.weights is not None for level in levels):
+        weights = np.concatenate([np.ones(len(level.J)) if level.weights is None
+                                  else level.weights for level in levels])
     if levels[0].v is None:
         return Level(J, lower=np.concatenate([level.lower for level in levels]),
                      upper=np.concatenate([level.upper for level in levels]),
-                     joints=levels[0].joints)
+                     joints=levels[0].joints, weights=weights)
     return Level(J, np.concatenate([level.v for level in levels]), levels[0].mode,
-                 joints=levels[0].joints)
+                 joints=levels[0].joints, weights=weights)
 
 
 def _attempt_all(calls: Iterable[tuple[Task, Callable[[], None]]]) -> None:

@@ -214,13 +214,17 @@ class Task(TwinHolder):
         Evaluation
 
         """
-        return self.masked(self._evaluation_by_twin(state, now)
-                           or self.make_evaluation(state, now))
+        return self.complete(self._evaluation_by_twin(state, now)
+                             or self.make_evaluation(state, now))
 
-    def masked(self, evaluation: Evaluation) -> Evaluation:
-        """Return an evaluation of the task, whose level gets the mask of the task."""
+    def complete(self, evaluation: Evaluation) -> Evaluation:
+        """Return an evaluation of the task, whose level gets its joints and weights."""
         if self.joint_mask is not None:
             evaluation.level.joints = self.joint_mask
+        if self.row_weights is not None:
+            weights = self.row_weights
+            evaluation.level.weights = np.full(len(evaluation.level.J), weights) \
+                if weights.ndim == 0 else weights
         return evaluation
 
     def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
@@ -247,7 +251,7 @@ class Task(TwinHolder):
 
     def _evaluate_around_level(self, state: RobotState, now: float) -> Evaluation:
         """Return the `Evaluation` of a type that overrides `level`."""
-        return self.masked(
+        return self.complete(
             Evaluation(self, self.level(state, now), self.error(state), self.row_names))
 
     def probe(self: SomeTask) -> SomeTask:

@@ -131,7 +131,7 @@ def check(task: Task, evaluation: Evaluation, n: int) -> None:
                                          f'{type(evaluation).__name__}')
     try:
         evaluation.level = check_level(evaluation.level, 'its level')
-        level = task.masked(evaluation).level
+        level = task.complete(evaluation).level
     except SolverError as error:
         raise EvaluationError(task.name, str(error)) from error
     rows = len(level.J)

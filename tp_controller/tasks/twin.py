@@ -21,8 +21,8 @@ from tp_controller.solver.level import Mask
 (FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS, SPEED_LIMIT, REGION, JOINT_LIMIT_DISTANCE,
  CONE) = range(9)
 # rows, whether the mode is ``scale``, gain, feed-forward velocity (or the twist of the
-# goal), its time of arrival, timeout, mask of the joints
-Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float, Mask | None]
+# goal), its time of arrival, timeout, mask of the joints, weights of the rows
+Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float, Mask | None, Array | None]
 
 
 class CompiledTask(Protocol):

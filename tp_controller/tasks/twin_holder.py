@@ -92,4 +92,5 @@ class TwinHolder(KeyHolder):
         added = self._feed_forward
         return (self.rows, self.mode == 'scale', read_only(self.gain),
                 None if added is None else read_only(self.in_rows(added)),
-                self._feed_forward_time, self.timeout, self.joint_mask)
+                self._feed_forward_time, self.timeout, self.joint_mask,
+                None if self.row_weights is None else read_only(self.row_weights))

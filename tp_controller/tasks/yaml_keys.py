@@ -9,7 +9,7 @@ import inspect
 from typing import Any
 
 from tp_controller.model.joint_groups import velocities_of
-from tp_controller.tasks.keys import parse_gain, parse_tolerance, positive
+from tp_controller.tasks.keys import parse_gain, parse_tolerance, parse_weights, positive
 
 # Default of a key that is required.
 REQUIRED = inspect.Parameter.empty
@@ -112,6 +112,13 @@ def joints_key(text: str, name: str = '') -> Any:
     return yaml_key(text, default=None, name=name, parse_for=lambda task, names: None
                     if names is None else velocities_of(names, task.robot.velocity_names,
                                                         task.robot.groups))
+
+
+def weights_key(text: str) -> Any:
+    """Declare the key `weights`, whose attribute is `row_weights`; see `yaml_key`."""
+    return yaml_key(text, default=None, name='weights', valid=positive.range,
+                    parse_for=lambda task, weights: None if weights is None else
+                    parse_weights(weights, task.units, task.weight_names()))
 
 
 def tolerance_key(text: str, unit: str) -> Any:

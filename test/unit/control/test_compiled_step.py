@@ -57,9 +57,11 @@ STACKS = {
              f'- tool: {{type: position, frame: {TOOL}, '
              'joints: [panda_joint1, panda_joint2, panda_joint4]}\n'
              f'- most: {{type: manipulability, frame: {TOOL}, joints: [panda_joint5]}}\n'
-             '- [a: {type: joint, joints: panda_joint3, excluded_joints: panda_joint7}, '
+             '- [a: {type: joint, joints: panda_joint3, weights: 5, excluded_joints: '
+             'panda_joint7}, '
              'b: {type: joint, joints: panda_joint6, excluded_joints: panda_joint7}]\n'
-             '- posture: {type: posture, excluded_joints: panda_joint2}\n',
+             '- posture: {type: posture, excluded_joints: panda_joint2, '
+             'weights: {panda_joint1: 10}}\n',
     'nothing': '- posture: {type: posture}\n',
 }
 
@@ -110,6 +112,7 @@ def assert_equal_cycles(one, other):
         assert (found.v is None) == (expected.v is None)
         assert (found.mode, found.is_identity) == (expected.mode, expected.is_identity)
         np.testing.assert_array_equal(found.joints, expected.joints)
+        np.testing.assert_array_equal(found.weights, expected.weights)
         for name in ('v', 'lower', 'upper'):
             if getattr(expected, name) is not None:
                 close(getattr(found, name), getattr(expected, name))
@@ -517,9 +520,9 @@ def test_equal_records_give_equal_bits():
 def test_tasks_that_do_not_fit_are_refused_and_nothing_changes():
     compiled, fits = cycle_of_core()
     before, motion = compiled.run(*fits), fits[1]
-    far = core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0, None),
+    far = core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0, None, None),
                     (10 ** 6, -1, bytes(range(6)), None, None))
-    law = (1, False, np.array(2.0), None, 0.0, 1.0, None)
+    law = (1, False, np.array(2.0), None, 0.0, 1.0, None, None)
     demand = core.Task(JOINTS, law, (np.zeros(1), False, None, np.zeros(1)))
     bounds = core.Task(JOINT_LIMITS, law, (np.zeros(1), -np.ones(1), np.ones(1), 0.2))
     for given in ((motion, ((demand, bounds),)), (motion, ((None, demand, bounds),)),
@@ -549,7 +552,7 @@ def test_steps_that_do_not_fit_together_are_refused():
 
 def test_objects_that_are_lent_are_given_back():
     compiled, fits = cycle_of_core()
-    motion, task = fits[1], core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0, None),
+    motion, task = fits[1], core.Task(FRAME, (6, False, np.array(2.0), None, 0.0, 1.0, None, None),
                                       (1, -1, bytes(range(6)), None, None))
 
     def use():

@@ -259,11 +259,13 @@ def random_cycle(seed, settings):
 
 
 def masked_cycle(seed, settings):
-    """Return a random cycle in which half of the levels have a mask of their joints."""
+    """Return a random cycle in which half of the levels have masks, and half weights."""
     levels, *others = random_cycle(seed, settings)
     rng, n = np.random.default_rng([seed, 2]), others[2].n
-    return [replace(level, joints=random_mask(rng, n)) if rng.random() < 0.5 else level
-            for level in levels], *others
+    levels = [replace(level, joints=random_mask(rng, n)) if rng.random() < 0.5 else level
+              for level in levels]
+    return [replace(level, weights=10.0 ** rng.uniform(-2.0, 2.0, len(level.J)))
+            if rng.random() < 0.5 else level for level in levels], *others
 
 
 def random_mask(rng, n):

@@ -435,7 +435,8 @@ def test_options_can_be_copied_and_stored_whatever_they_have_solved():
 class Nested:
     """A level whose demand is computed with the very core that reads it."""
 
-    J, mode, is_identity, joints = np.eye(2), 'least_squares', False, None
+    J, mode, is_identity = np.eye(2), 'least_squares', False
+    joints = weights = None
 
     def __init__(self, core):
         self.core, self.answer = core, 'none yet'
@@ -458,7 +459,8 @@ class Last:
     """A level that nobody holds any more while it is read."""
 
     def __init__(self, levels):
-        self.v, self.mode, self.is_identity, self.joints = np.ones(2), 'least_squares', False, None
+        self.v, self.mode, self.is_identity = np.ones(2), 'least_squares', False
+        self.joints = self.weights = None
         self._levels = levels
         levels.append(self)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tasks name the joints that they may move."""
+"""Tasks name the joints that they may move, and weigh their rows."""
 
 import numpy as np
 import pytest
@@ -112,3 +112,37 @@ def test_types_of_other_packages_have_masks_too():
     stack = Stack([[task]])
     level = stack.evaluate(ROBOT.state(Q), 0.0)[0][0].level
     assert level.joints.tolist() == [False] * 3 + [True] * 7
+
+
+@pytest.mark.parametrize('task, weights', [
+    ('{type: pose, frame: tool, weights: 3}', 3.0),
+    ('{type: pose, frame: tool, weights: {m: 100}}', [100.0] * 3 + [1.0] * 3),
+    ('{type: position, frame: tool, weights: [1, 2, 3]}', [1.0, 2.0, 3.0]),
+    ('{type: joint, joints: [arm_2, torso, arm_1], weights: {torso: 5, arm_1: 2}}',
+     [1.0, 5.0, 2.0]),
+    ('{type: posture, weights: {arm: 10}}', [1.0] + [10.0] * 7)])
+def test_weights_are_given_by_row_unit_joint_and_group(task, weights):
+    task = Stack.from_yaml(f'- task: {task}\n', ROBOT).tasks['task']
+    assert task.row_weights.tolist() == weights
+    task.start(ROBOT.state(Q))
+    level = task.evaluate(ROBOT.state(Q), 0.0).level
+    assert level.weights.tolist() == np.broadcast_to(weights, task.rows).tolist()
+
+
+@pytest.mark.parametrize('task, message', [
+    ('{type: position, frame: tool, weights: [1, 2]}', 'one for each of the 3 rows, got 2'),
+    ('{type: position, frame: tool, weights: 0}', 'weights: must be positive'),
+    ('{type: position, frame: tool, weights: {rad: 1}}', "unknown name of rows 'rad'; valid: m"),
+    ('{type: joint, joints: arm, weights: {torso: 2}}', "unknown name of rows 'torso'"),
+    ('{type: joint, joints: arm, weights: {arm_1: -2}}', 'weights: arm_1 must be positive')])
+def test_weights_that_are_none_are_refused(task, message):
+    with pytest.raises(StackError, match=message):
+        Stack.from_yaml(f'- task: {task}\n', ROBOT)
+
+
+def test_tasks_of_a_level_weigh_against_each_other():
+    other = TOOL.replace('tool:', 'other:')
+    stack = Stack.from_yaml(f'- [{TOOL}, weights: 4}}, {other}}}]\n', ROBOT)
+    stack.start(ROBOT.state(Q))
+    level, = stack.levels(ROBOT.state(Q), 0.0)
+    assert level.weights.tolist() == [4.0] * 3 + [1.0] * 3

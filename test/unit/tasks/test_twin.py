@@ -388,7 +388,7 @@ def test_twin_follows_every_input_and_none_is_changed_in_place():
     assert np.allclose(task.evaluate(here, 0.0).level.v, 2.0)
 
 
-LAW = (6, False, np.array(2.0), None, 0.0, 1.0, None)
+LAW = (6, False, np.array(2.0), None, 0.0, 1.0, None, None)
 BOUNDED = JOINT_LIMITS, SPEED_LIMIT, REGION, CONE
 FITS = {
     FRAME: (LAW, (1, -1, bytes(range(6)), np.eye(4), np.zeros(4))),
@@ -417,7 +417,8 @@ def changed(inputs, place, value):
     *((kind, 0, *each) for kind in FITS for each in (
         (0, 0), (0, -1), (0, 7), (0, 10 ** 9), (0, 'x'), (2, np.ones(5)), (2, 2.0), (2, None),
         (2, np.array(2)), (3, np.ones(5)), (3, 'x'), (4, None), (5, 'x'), (6, 'x'),
-        (6, np.ones(7)), (6, np.ones((1, 7), bool)), (6, np.ones(0, bool)), (6, 1))),
+        (6, np.ones(7)), (6, np.ones((1, 7), bool)), (6, np.ones(0, bool)), (6, 1),
+        (7, 'x'), (7, np.ones(7)))),
     *((FRAME, 1, *each) for each in (
         (0, -1), (0, 'tool'), (0, 10 ** 30), (1, -2), (1, None), (2, b''), (2, bytes(7)),
         (2, bytes([6] * 6)), (2, 'x'), (3, np.eye(2)), (3, np.zeros(3)), (3, np.eye(4)[0]),
