@@ -47,7 +47,7 @@ PANDA = ROOT / 'config' / 'robots' / 'panda.yaml'
 EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 # Tests that declare faults and their outcomes.
 DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_outputs',
-             'test_permits', 'test_faults')
+             'test_locks', 'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
 # Packages of the nodes that are tools.
 PARTS = {'viewer': 'tools.view', 'teleop': 'tools.teleop'}
@@ -151,6 +151,7 @@ COMMAND_PAGES = {
 STATUS = {
     'scale': 'smallest share of its velocity that limits leave a task; 1 if no limit is active',
     'limiting': 'joint and limit that cost the uppermost limited task most',
+    'locked': 'joints that are [locked](#locked-joints)',
     'cycles': 'cycles since the node was configured',
     'rate [Hz]': 'cycles per second; this and the times are of the last 1000 cycles',
     **{f'cycle {which} [ms]': 'time that a cycle takes; p99: 99 of 100 take less'

@@ -49,11 +49,11 @@ def test_the_status_has_the_node_first_and_then_every_task_by_priority(harness):
     assert [rig.status.task(name)['level'] for name in ('tip', 'turn', 'slow', 'rest')] == [
         '1', '2', '2', '3']
     assert [value.key for value in message.status[0].values] == [
-        'scale', 'limiting', 'cycles', 'rate [Hz]', 'cycle median [ms]', 'cycle p99 [ms]',
-        'cycle max [ms]', 'state to command median [ms]', 'state to command p99 [ms]',
-        'state to command max [ms]', 'overruns', 'stalls', 'missed deadlines',
-        'other publishers', 'listeners', 'watchdogs', 'lead', 'ignored description',
-        'solver', 'cycles left to Python']
+        'scale', 'limiting', 'locked', 'cycles', 'rate [Hz]', 'cycle median [ms]',
+        'cycle p99 [ms]', 'cycle max [ms]', 'state to command median [ms]',
+        'state to command p99 [ms]', 'state to command max [ms]', 'overruns', 'stalls',
+        'missed deadlines', 'other publishers', 'listeners', 'watchdogs', 'lead',
+        'ignored description', 'solver', 'cycles left to Python']
     assert message.status[0].level == OK
     assert message.header.stamp.sec > 0
 

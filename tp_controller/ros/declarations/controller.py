@@ -37,6 +37,9 @@ SETTINGS = tuple(
          item.metadata['unit'], item.metadata.get('lower', -math.inf),
          item.metadata.get('upper', math.inf))
     for item in fields(Settings) if item.name != 'period')
+LOCKED = 'locked_joints'
+# Reactions to a joint that does not follow its commands.
+STOP, LOCK = REACTIONS = ('stop', 'lock')
 OUTPUTS = ('velocity', 'position', 'trajectory')
 PARAMETERS = (
     *ROBOT,
@@ -67,8 +70,13 @@ PARAMETERS = (
          'corrections of the localisation', 'm or rad', 0.0, math.inf, True),
     Spec('limit_tolerance', 0.05, 'distance of a joint beyond a position limit at which the '
          'robot is stopped until ~/start (inf: never)', 'rad or m', 0.0, math.inf),
+    Spec(LOCKED, [''], 'driven joints, or velocities of a moving base, that stay where they are '
+         'while the others go on, such as those that have failed (an empty name: none)'),
     Spec('follow_window', 1.0, 'time after which a joint, or a base, that does not follow its '
          'command stops the robot until ~/start (0: never)', 's', 0.0, 60.0, True),
+    Spec('on_not_following', STOP, 'reaction to a joint that alone does not follow: stop, or lock '
+         'it, and go on with the others; a second one within ten times `follow_window` stops the '
+         f'robot ({", ".join(REACTIONS)})', valid=REACTIONS),
     Spec('settle_time', 0.3, 'time that everything has to be in order before the robot moves '
          'again, after a stop that ends by itself', 's', 0.0, 60.0, True),
     Spec('exclusive', True, 'stop until ~/start, and publish nothing, if another node publishes '

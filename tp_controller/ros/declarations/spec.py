@@ -19,7 +19,8 @@ FIXED = 'fixed while the node is configured'
 EQUAL = [1.0]
 # Values that replace the empty list, which has no type.
 EMPTY: Mapping[str, list[float] | list[str]] = {
-    'weights': EQUAL, 'joints': [''], 'command_joints': [''], 'xacro_arguments': ['']}
+    'weights': EQUAL, 'joints': [''], 'command_joints': [''], 'locked_joints': [''],
+    'xacro_arguments': ['']}
 # Prefix of the joint limits.
 LIMITS = 'limits.'
 # Prefix of gains and tolerances of the tasks.

@@ -15,6 +15,7 @@ from tp_controller.model.limits import velocity_table
 from tp_controller.model.robot import Robot
 from tp_controller.ros.declarations.spec import TASKS
 from tp_controller.ros.interface.limit_parameters import LimitParameters
+from tp_controller.ros.interface.lock_parameter import LockParameter
 from tp_controller.ros.interface.position_service import PositionService
 from tp_controller.ros.interface.reporter import Reporter
 from tp_controller.ros.interface.task_parameters import TaskParameters
@@ -65,6 +66,7 @@ class ControlledRobot:
             closing.callback(self.loop.close)
             self._competitors = Competitors(node, loop_node, self.loop, values, log)
             closing.callback(self._competitors.close)
+            self._locks = LockParameter(node, self.controller, values, log)
             self._task_parameters = TaskParameters(node, self.controller, log)
             closing.callback(self._task_parameters.close)
             self.topics = TaskTopics(node, self.controller, boot_time, log)
@@ -123,7 +125,8 @@ class ControlledRobot:
         self._competitors.restart()
 
     def look(self) -> None:
-        """Check for nodes that publish or receive commands, or allow motion."""
+        """Check for nodes that publish or receive commands, or allow motion, and for locks."""
+        self._locks.look()
         self.loop.permits.look(self._node, self._log)
         self._competitors.look()
 
@@ -172,15 +175,18 @@ class ControlledRobot:
                 _refuse_with_stack(given)
         self._task_parameters.check(given)
         limits.check(given, self.controller)
+        self._locks.check(given)
         self.controller.check_settings(settings, stack)
 
     def apply(self, changed: Mapping[str, Any], settings: Settings,
               limits: LimitParameters) -> None:
         """Apply {parameter: value} that were checked; log a fault of a task."""
         self.loop.checks.limits.tolerance = self._values['limit_tolerance']
+        self.loop.checks.on_not_following = self._values['on_not_following']
         self.loop.ramp.deceleration = self._values['stop_deceleration']
         stack = self._checked_stack if 'stack' in changed else None
         limits.apply(changed, self.controller)
+        self._locks.apply(changed)
         try:
             # An unchanged text keeps the goals sent since; ~/reload reads the targets again.
             if stack is not None and stack.text != self.controller.stack.text:

@@ -8,7 +8,7 @@ from typing import Any
 
 from tp_controller.control.settings import Settings
 from tp_controller.errors import SettingsError
-from tp_controller.ros.declarations.controller import SETTINGS
+from tp_controller.ros.declarations.controller import PARAMETERS, SETTINGS
 from tp_controller.ros.declarations.spec import EQUAL
 from tp_controller.ros.loop.outputs import output_type
 
@@ -20,7 +20,7 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
     Parameters
     ----------
     values : dict
-        Values of `SETTINGS`, and `output`.
+        Values of `PARAMETERS`.
     period : float
         [s]
     origin : str
@@ -32,6 +32,10 @@ def settings_from(values: Mapping[str, Any], period: float, origin: str) -> Sett
         Invalid values.
 
     """
+    faults = list(filter(None, [spec.fault(values[spec.name]) for spec in PARAMETERS
+                                if spec.valid]))
+    if faults:
+        raise SettingsError(faults)
     given = {spec.name: values[spec.name] for spec in SETTINGS}
     if output_type(values['output']).holds:
         # Commanded positions reflect all commands at once.

@@ -53,12 +53,14 @@ def diagnostics(stamp: Time, node_name: str, stop_reason: str, report: Report | 
 
     """
     running = report is not None and not stop_reason
+    locked = tuple(controller.locked) if controller else ()
     head = DiagnosticStatus(
         name=node_name, hardware_id=node_name,
-        level=DiagnosticStatus.WARN if stop_reason else DiagnosticStatus.OK,
+        level=DiagnosticStatus.WARN if stop_reason or locked else DiagnosticStatus.OK,
         message=stop_reason or 'running',
         values=[_value('scale', f'{report.scale:.4f}' if report and running else 'nan'),
                 _value('limiting', report.limiting if report and running else ''),
+                _value('locked', ', '.join(locked)),
                 *(_value(key, value) for key, value in figures.items())])
     array = DiagnosticArray(status=[head])
     array.header.stamp = stamp

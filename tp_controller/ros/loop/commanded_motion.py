@@ -5,6 +5,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 from tp_controller.model.spatial import Array
 from tp_controller.ros.loop.commands import Commands
 from tp_controller.ros.loop.measurements import Measurements
@@ -80,7 +81,11 @@ class CommandedMotion:
 
     def configuration(self, cycle: Beginning) -> Array:
         """Return the configuration that the next command starts from, (nq,)."""
-        joints = self._commands.output.positions(self._measurements.joints.q, cycle.robot_time)
+        measured, locked = self._measurements.joints.q, self._checks.ignored
+        joints = self._commands.output.positions(measured, cycle.robot_time)
+        if locked.any():
+            # They are where they are, whatever is commanded.
+            joints = np.where(locked, measured, joints)
         return self._measurements.base.configuration(joints)
 
     def publish(self, velocity: Array, cycle: Beginning) -> bool:

@@ -91,7 +91,7 @@ class ControlLoop:
         self.stops = Stops(values['settle_time'])
         self.measurements = Measurements(robot, base, values, self.stops, log, boot_time,
                                          clock)
-        self.checks = MotionChecks(robot, base, values)
+        self.checks = MotionChecks(robot, base, values, self._lock)
         self.permits = Permits(node, topic, values, self.stops, boot_time)
         self.ramp = RampedStop(controller, values['stop_deceleration'])
         self._motion = CommandedMotion(controller, self.measurements, self.commands, self.ramp,
@@ -231,6 +231,7 @@ class ControlLoop:
         robot_time = self._clock.time(now)
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
+        self.checks.ignore(self._controller.locked)
         motion, noted = self._motion, self.commands.interruptions
         cycle = Beginning(now, robot_time, elapsed, noted, now + self._stall)
         if not self.active:
@@ -278,6 +279,11 @@ class ControlLoop:
         if took > self._stall:
             self.stops.interrupt(f'a cycle took longer than {self._stall:g} s', now + took)
         return self._find_stop_reason(now + took) or 'interrupted'
+
+    def _lock(self, joint: str, fault: str) -> None:
+        """Lock a joint in place of a stop."""
+        self._controller.lock([joint], boot_time())
+        self._log.warning(f'locked {joint}, the others go on: {fault}')
 
     def _end_at_rest(self) -> None:
         """Deactivate the loop after a ramped stop."""

@@ -123,9 +123,8 @@ class Integration:
             return 1.0
         toward = np.where(velocity < 0.0, -ahead, ahead)
         allowed = np.maximum(self._bound.speed(JointMotion(toward, velocity, interval)), 0.0)
-        if (speed <= allowed).all():
-            return 1.0
-        return float((allowed / np.maximum(speed, allowed + 1e-12)).min())
+        fast = speed > allowed
+        return float((allowed[fast] / speed[fast]).min(initial=1.0))
 
     def deceleration(self, velocity: Array, otherwise: float) -> Array:
         """

@@ -259,8 +259,16 @@ class LimitCheck:
 
     def __init__(self, names: tuple[str, ...], lower: Array, upper: Array,
                  tolerance: float) -> None:
-        self._names, self._lower, self._upper, self.tolerance = names, lower, upper, tolerance
-        self._ranges = list(zip(lower.tolist(), upper.tolist()))
+        self._names, self._limits, self.tolerance = names, (lower, upper), tolerance
+        self.forget()
+        self.ignore(np.zeros(len(names), dtype=bool))
+
+    def ignore(self, joints: NDArray[np.bool_]) -> None:
+        """Ignore some joints (n,), in place of those before."""
+        lower, upper = self._limits
+        self._lower, self._upper = (np.where(joints, -np.inf, lower),
+                                    np.where(joints, np.inf, upper))
+        self._ranges = list(zip(self._lower.tolist(), self._upper.tolist()))
         self.forget()
 
     def forget(self) -> None:
@@ -311,6 +319,13 @@ class FollowCheck:
         Marks joints that turn without end.
     following : Following
 
+    Attributes
+    ----------
+    ignored : ndarray (n,) of bool
+        Joints that are not checked.
+    failed : str
+        Joint of the last fault if it alone stood still, while another one followed; else empty.
+
     """
 
     # Number of samples in a window, and length of the window for slow motion in windows.
@@ -319,6 +334,7 @@ class FollowCheck:
     def __init__(self, names: tuple[str, ...], endless: NDArray[np.bool_],
                  following: Following) -> None:
         self._names, self._endless, self._following = names, endless, following
+        self.ignored = np.zeros(len(names), dtype=bool)
         self._late = 1 + math.ceil(self.SAMPLES * following.lag / (following.window or 1.0))
         self.forget()
 
@@ -329,7 +345,7 @@ class FollowCheck:
         # commanded, and times.
         self._moved, self._demanded = np.zeros((most, n)), np.zeros((most, n))
         self._sampled_at = np.zeros(most)
-        self._count, self._last_q = 0, np.zeros(n)
+        self._count, self._last_q, self.failed = 0, np.zeros(n), ''
         # Commands since the last sample, and the times from which they are in force.
         self._velocities: list[Array] = []
         self._times: list[float] = []
@@ -387,26 +403,32 @@ class FollowCheck:
             # Commanded motion in windows of the same length that end earlier: one of them is the
             # motion that a robot with any delay up to `lag` has to follow now.
             demanded = self._demanded[-last:] - self._demanded[-last - length:-length]
-            joint = self._deviating(moved, demanded)
-            if joint is not None:
+            wrong = self._deviating(moved, demanded)
+            if wrong.any():
+                joint = int(np.argmax(wrong))
                 passed = self._sampled_at[-1] - self._sampled_at[-1 - length]
                 return (f'{self._names[joint]} does not follow: commanded to move by '
                         f'{demanded[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
                         f'in {passed:.2g} s')
         return ''
 
-    def _deviating(self, moved: Array, demanded: Array) -> int | None:
-        """Return a joint with motion (n,) unlike all commanded ones (k, n), if any."""
+    def _deviating(self, moved: Array, demanded: Array) -> NDArray[np.bool_]:
+        """Return the joints (n,) with motion (n,) unlike all commanded ones (k, n)."""
         following = self._following
         size = np.abs(demanded)
         least = np.where(np.abs(np.sign(demanded).sum(axis=0)) == len(demanded),
                          size.min(axis=0), 0.0)
         along = moved * np.sign(demanded[-1])
-        still = (least > following.distance) & (along < following.share * least)
+        counts = (least > following.distance) & ~self.ignored
+        still = counts & (along < following.share * least)
         slack = following.excess + size.max(axis=0)
         away = (moved > demanded.max(axis=0) + slack) | (moved < demanded.min(axis=0) - slack)
-        wrong = still | away
-        return int(np.argmax(wrong)) if wrong.any() else None
+        wrong: NDArray[np.bool_] = still | (away & ~self.ignored)
+        # A driver fails with all joints, and a joint that moves by itself is not one that failed.
+        alone = np.count_nonzero(wrong) == 1 and bool((counts & ~wrong).any())
+        stands = still & ~away & (np.abs(along) < following.share * least)
+        self.failed = self._names[int(np.argmax(stands))] if alone and stands.any() else ''
+        return wrong
 
 
 def endless_joints(robot: Robot) -> NDArray[np.bool_]:
