@@ -61,6 +61,9 @@ TALOS = """
 - eyes: {type: look_at, frame: head_2_link, axis: x, target: [1.5, 0.3, 0.5]}
 - posture: {type: posture, gain: 0.5}
 """
+SOLE = '[[0.1, 0.06, 0], [-0.1, 0.06, 0], [-0.1, -0.06, 0], [0.1, -0.06, 0]]'
+SUPPORTED = TALOS.replace('center_of_mass, axes: xy', 'com_polygon, contacts: '
+                          f'{{left_sole_link: {SOLE}, right_sole_link: {SOLE}}}')
 LEG_READY = (0.0, 0.0, -0.4, 0.8, -0.4, 0.0)
 
 
@@ -124,8 +127,9 @@ def loops():
     near, far = hand.copy(), hand.copy()
     near[2, 3] += 0.01
     far[:3, 3] += [0.8, 0.3, 0.4]
-    found['Talos: 30 joints, 6 levels'] = (Loop(talos, ready, TALOS, 'left', near, BLENDED),
-                                           Loop(talos, ready, TALOS, 'left', far, APPROACH))
+    for name, text in (('30 joints, 6 levels', TALOS), ('com_polygon', SUPPORTED)):
+        found[f'Talos: {name}'] = (Loop(talos, ready, text, 'left', near, BLENDED),
+                                   Loop(talos, ready, text, 'left', far, APPROACH))
     return found
 
 

@@ -53,6 +53,15 @@ ARMS = [f'{side}_{joint}' for side in ('left', 'right')
 ARMS_READY = (-0.19, -0.66, -0.89, 2.46, -0.27, -1.3, 0.1,
               0.19, -0.66, 0.89, 2.46, 0.27, -1.3, -0.1)
 
+# Legs and arms of Talos.
+TALOS = [f'{limb}_{side}_{number}_joint' for side in ('left', 'right')
+         for limb, count in (('leg', 6), ('arm', 7)) for number in range(1, count + 1)]
+# Knees bent, arms hanging with bent elbows.
+TALOS_LEG = (0.0, 0.0, -0.4, 0.8, -0.4, 0.0)
+TALOS_READY = (*TALOS_LEG, 0.3, 0.3, -0.4, -1.4, 0.2, 0.1, 0.1,
+               *TALOS_LEG, -0.3, -0.3, 0.4, -1.4, 0.2, 0.1, 0.1)
+SOLE = [[0.1, 0.06, 0], [-0.1, 0.06, 0], [-0.1, -0.06, 0], [0.1, -0.06, 0]]
+
 
 # Runs -------------------------------------------------------------------------------------
 
@@ -62,16 +71,17 @@ def own(name, base='fixed'):
     return Robot.from_file(ROOT / 'config' / 'robots' / name, base=base)
 
 
-def example(name, joints):
+def example(name, joints, base='fixed'):
     """Return a robot of example-robot-data."""
     path, = (file.locate() for file in files('example-robot-data') if file.name == name)
-    return Robot.from_urdf(Path(path).resolve(), joints=joints)
+    return Robot.from_urdf(Path(path).resolve(), base, joints=joints)
 
 
 ROBOTS = {
     'panda': partial(own, 'panda.yaml'),
     'panda with masses': partial(example, 'panda.urdf', [f'panda_joint{i}' for i in range(1, 8)]),
     'baxter': partial(example, 'baxter.urdf', ARMS),
+    'talos': partial(example, 'talos_reduced.urdf', TALOS, 'floating'),
     'mobile arm': partial(own, 'mobile_arm.urdf', 'planar'),
     'underwater arm': partial(own, 'underwater_arm.urdf', 'underwater'),
 }
@@ -246,8 +256,8 @@ class Canvas:
             for link, points in bodies(run.robot, state):
                 if link in carrying:
                     self.body(points, colour, opacity=0.16, linewidth=0.0)
-        elif run.robot.moves:
-            self.body(outline(run.robot, state), colour, opacity=0.0, **style)
+        elif len(base := outline(run.robot, state)):
+            self.body(base, colour, opacity=0.0, **style)
         gap = np.full(3, np.nan)
         ends = [point for parent, child in links
                 for point in (state.position(parent), state.position(child), gap)]
@@ -300,9 +310,9 @@ def floats(element, attribute):
 
 
 def outline(robot, state):
-    """Return the corners (k, 3) of all shapes of the base."""
-    return np.vstack([points for link, points in bodies(robot, state)
-                      if link == robot.base_frame])
+    """Return the corners (k, 3) of all simple shapes of a base that moves."""
+    return np.vstack([np.empty((0, 3)), *(points for link, points in bodies(robot, state)
+                                          if robot.moves and link == robot.base_frame)])
 
 
 # Drawing over time ------------------------------------------------------------------------
@@ -478,7 +488,7 @@ def value(run, row=0):
 
 
 def nearest(run):
-    """Return the distance of the nearest pair of a run's task (T,) [m]."""
+    """Return the distance of the nearest pair or edge of a run's task (T,) [m]."""
     return run.of_states(lambda state: run.task.value(state).min())
 
 
@@ -657,6 +667,18 @@ def mass(canvas, run, without):
         canvas.dots(centre, 'o', colour, markersize=9, label=label)
 
 
+def balance(canvas, run, without):
+    """Draw the support polygon, and the centre of mass with its plumb line."""
+    soles = np.concatenate([moved(np.array(points), run.states[-1].pose(frame))
+                            for frame, points in run.task.contacts.items()])
+    canvas.body(soles, TARGET_COLOUR, linewidth=3.0)
+    for each, colour, label in ((without, WITHOUT_COLOUR, None),
+                                (run, TARGET_COLOUR, 'centre of mass')):
+        centre = each.states[-1].center_of_mass()[0]
+        canvas.line([centre, [*centre[:2], soles[0, 2]]], colour, linewidth=1.2, linestyle=':')
+        canvas.dots(centre, 'o', colour, markersize=9, label=label)
+
+
 def parking(canvas, run, without):
     """Draw the goal of the base."""
     state = run.states[0]
@@ -812,6 +834,22 @@ SCENES = {
         goals=((0.0, 'carry', [0.65, 0.5, 0.25]), (5.0, 'carry', [0.65, -0.2, 0.25])),
         seconds=10.0, frames=(LEFT, RIGHT), view=ABOVE, draw=spheres, compare=True,
         plots=(Plot('distance of the hands [m]', value, lower=0.3, upper=0.5), error('carry'))),
+    'com_polygon': Scene(
+        'talos', TALOS_READY, f"""
+- [left_foot: {{type: pose, frame: left_sole_link}},
+   right_foot: {{type: pose, frame: right_sole_link}}]
+- balance:
+    type: com_polygon
+    contacts: {{left_sole_link: {SOLE}, right_sole_link: {SOLE}}}
+    margin: 0.03
+- joints: {{type: joint_limits}}
+- hand: {{type: position, frame: gripper_left_base_link}}
+- posture: {{type: posture, gain: 0.2}}
+""",
+        goals=((0.0, 'hand', [1.2, 0.2, 0.1]),), seconds=10.0,
+        frames=('gripper_left_base_link',), draw=balance, compare=True,
+        plots=(Plot('distance of the centre of mass from the edges [m]', nearest, lower=0.03),
+               error('hand'))),
     'manipulability_above': Scene(
         'panda', READY, f"""
 - mobile: {{type: manipulability_above, frame: {TOOL}, minimum: 0.05}}

@@ -360,6 +360,8 @@ SOUND = [
           POSTURE),
     sound('two arms', 'span: {type: distance, frame: left_hand, reference: right_hand, '
           'maximum: 1.5}', LIMITS, 'left: {type: position, frame: left_hand, gain: 2.0}', POSTURE),
+    sound('panda urdf', 'balance: {type: com_polygon, contacts: {⟨root⟩: [[0.2, 0.2, 0], '
+          '[-0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0]]}}', LIMITS, POSITION, POSTURE),
     sound('panda', 'agile: {type: manipulability_above, frame: ⟨tool⟩, minimum: 0.03}', LIMITS,
           POSE, POSTURE),
     sound('ur5', 'agile: {type: manipulability_above, frame: ⟨tool⟩, axes: xyz, minimum: 0.02}',
@@ -543,6 +545,10 @@ FAULTS = [
              ['far: {type: distance, frame: ⟨tool⟩, minimum: 400.0}', POSITION],
              'units, bounds, out of reach', 'widen|move|reach|metres|mm|lower', 'far', runs=2,
              seconds=5.0),
+    *mistake('a support polygon beside the robot', ('panda urdf', 'ur5', 'xarm7'),
+             ['balance: {type: com_polygon, contacts: {⟨root⟩: '
+              '[[2, 2, 0], [3, 2, 0], [2, 3, 0]]}}', POSITION],
+             'bounds, out of reach', 'widen|move|reach', 'balance', runs=2, seconds=5.0),
     *mistake('a speed limit of 1 mm/s', ('panda', 'ur5e', 'xarm7'),
              ['slow: {type: speed_limit, frame: ⟨tool⟩, linear: 0.001}', POSITION],
              'bounds dominate, slow, never reached, seldom reached, units',

@@ -52,7 +52,7 @@ def test_pictures_have_one_size_and_are_small(pictures):
 @pytest.mark.parametrize('kind', shown())
 def test_every_scene_is_about_its_task_type(pictures, kind):
     scene = pictures.SCENES[kind]
-    if scene.robot in ('baxter', 'panda with masses'):
+    if scene.robot in ('baxter', 'panda with masses', 'talos'):
         urdf_path('baxter')  # skips where those robots are missing
     stack = Stack.from_yaml(scene.stack, pictures.ROBOTS[scene.robot]())
     assert [task.type_name for task in stack.tasks.values()].count(kind) == 1
@@ -68,6 +68,24 @@ def test_a_picture_drawn_again_is_the_same_and_its_bounds_are_kept(pictures, tmp
     with_task, without = (pictures.Run(pictures.SCENES['keep_out'], 'keep_out', without=off)
                           for off in (False, True))
     assert plot.values(with_task).min() > plot.lower > 0.0 > plot.values(without).min()
+
+
+@pytest.mark.slow
+def test_humanoid_reaches_as_far_as_the_page_says(pictures):
+    urdf_path('talos')  # skips where it is missing
+    text = (DOCS / 'tasks' / 'inequality.md').read_text(encoding='utf-8')
+    said = re.search(r'The hand ends (\d+) mm before .* (\d+) mm inside of the edge.*\n?.* '
+                     r'(\d+) mm in front of the toes', text)
+    scene = pictures.SCENES['com_polygon']
+    runs = [pictures.Run(scene, 'com_polygon', without=off) for off in (False, True)]
+    inside, outside = (1e3 * pictures.nearest(run) for run in runs)
+    short, arrived = (run.error('hand')[-1] for run in runs)
+    assert [short, inside[-1], -outside[-1]] == pytest.approx(list(map(float, said.groups())),
+                                                              abs=1.0)
+    assert inside.min() > 29.9 and arrived < 0.1
+    for run in runs:
+        # The feet stay where they are.
+        assert np.ptp(run.path('left_sole_link'), axis=0).max() < 1e-3
 
 
 def test_pictures_of_the_method_are_there_and_shown(pictures, tmp_path):

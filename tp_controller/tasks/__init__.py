@@ -16,6 +16,7 @@ from tp_controller.errors import in_words, TpControllerError
 from tp_controller.tasks.base_pose import BaseOrientation, BasePose
 from tp_controller.tasks.bounded import BoundedTask
 from tp_controller.tasks.center_of_mass import CenterOfMass
+from tp_controller.tasks.com_polygon import ComPolygon
 from tp_controller.tasks.cone import FieldOfView, Tilt
 from tp_controller.tasks.distance import Distance
 from tp_controller.tasks.frame import frame_key, FrameTask, reference_key
@@ -42,12 +43,12 @@ from tp_controller.untrusted.calls import foreign
 ENTRY_POINTS = 'tp_controller.tasks'
 
 __all__ = [
-    'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'Distance', 'Evaluation',
-    'FieldOfView', 'FrameTask', 'GradientTask', 'Joint', 'JointLimitDistance', 'JointLimits',
-    'JointTask', 'JointVelocity', 'KeepIn', 'KeepOut', 'Keys', 'LookAt', 'Manipulability',
-    'ManipulabilityAbove', 'Obstacles', 'Orientation', 'Pointing', 'Pose', 'Position', 'Posture',
-    'RelativePose', 'RelativePosition', 'SelfCollision', 'SpeedLimit', 'Task', 'Tilt', 'Twist',
-    'frame_key', 'reference_key', 'task_types', 'yaml_key']
+    'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'ComPolygon', 'Distance',
+    'Evaluation', 'FieldOfView', 'FrameTask', 'GradientTask', 'Joint', 'JointLimitDistance',
+    'JointLimits', 'JointTask', 'JointVelocity', 'KeepIn', 'KeepOut', 'Keys', 'LookAt',
+    'Manipulability', 'ManipulabilityAbove', 'Obstacles', 'Orientation', 'Pointing', 'Pose',
+    'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SelfCollision', 'SpeedLimit',
+    'Task', 'Tilt', 'Twist', 'frame_key', 'reference_key', 'task_types', 'yaml_key']
 
 
 @lru_cache(maxsize=1)

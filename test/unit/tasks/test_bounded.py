@@ -60,6 +60,10 @@ CASES = {
         {'frame': TOOL, 'minimum': 0.3},
         {'frame': TOOL, 'reference': ELBOW, 'maximum': 0.45},
         {'frame': TOOL, 'at': [0.4, 0.1, 0.5], 'minimum': 0.2, 'maximum': 0.6, 'gain': 4.0}],
+    'com_polygon': [
+        {'contacts': {'panda_link0': [[-0.2, -0.2, 0.0], [0.3, -0.1, 0.1], [0.1, 0.3, -0.2]]},
+         'margin': 0.01, 'up': [0.1, -0.2, 1.0]},
+        {'contacts': ['panda_link0', TOOL, 'panda_link5'], 'margin': 0.0}],
     'manipulability_above': [{'frame': TOOL, 'minimum': 0.05},
                              {'frame': TOOL, 'minimum': 0.2, 'axes': 'xz'}],
     'speed_limit': [{'frame': TOOL, 'linear': 0.25},
@@ -108,7 +112,9 @@ def test_jacobian_is_the_derivative_of_the_value(name, keys):
                             for axis in np.eye(7)]).T
         np.testing.assert_allclose(task.jacobian(state), numeric, atol=1e-6)
         assert task.jacobian(state).shape == (len(task.value(state)), 7)
-        assert len(task.value(state)) == task.rows == len(task.units)
+        assert task.rows == len(task.units)
+        # Those of a support polygon are as many as it has edges.
+        assert name == 'com_polygon' or len(task.value(state)) == task.rows
 
 
 @pytest.mark.parametrize('name, keys', CONTRACT)
@@ -320,6 +326,14 @@ def test_bad_goals_are_refused_with_the_name_of_the_task(name, keys):
     ('distance', {'frame': TOOL, 'minimum': 0.5, 'maximum': 0.5},
      'minimum: must be less than maximum = 0.5, got 0.5'),
     ('distance', {'frame': TOOL, 'minimum': 0.5, 'at': [0.0] * 7}, 'at: the point .* needs 3 num'),
+    ('com_polygon', {'contacts': [TOOL, ELBOW]}, 'contacts: needs 3 to 32 contact points, got 2'),
+    ('com_polygon', {'contacts': TOOL}, 'contacts: needs a list of frames, or {frame: '),
+    ('com_polygon', {'contacts': [TOOL, 'foot', ELBOW]}, "contacts: unknown frame 'foot'"),
+    ('com_polygon', {'contacts': {TOOL: [[0, 0], [1, 0], [0, 1]]}}, 'a contact of panda_hand_tcp'),
+    ('com_polygon', {'contacts': {TOOL: [[0, 0, 0], [1, 1, 0], [2, 2, 0], [3, 3, 1e-4]]}},
+     'contacts: needs contact points that are not all on one line'),
+    ('com_polygon', {'contacts': [TOOL, ELBOW, 'panda_link0'], 'margin': -1, 'up': 'w'},
+     'margin: must not be negative.*up: needs x, y, z'),
     ('manipulability_above', {'frame': TOOL, 'minimum': 0.0}, 'minimum: must be positive'),
     ('speed_limit', {'frame': TOOL}, 'linear: needs a speed: give linear, angular or both'),
     ('speed_limit', {'frame': TOOL, 'linear': 0.0, 'angular': -1.0},
