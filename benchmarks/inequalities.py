@@ -157,6 +157,15 @@ def _tilt(scene):
             f'within: {scene.random.uniform(0.1, 0.7)}}}')
 
 
+def _orientation_range(scene):
+    """Keep the turn of the tool from its orientation at the start, or from one nearby."""
+    start = Rotation.from_matrix(scene.state.rotation(scene.tool))
+    turn = Rotation.from_rotvec(0.2 * scene.random.normal(size=3))
+    target = (start * turn).as_quat().tolist()
+    return (f'- guard: {{type: orientation_range, frame: {scene.tool}, target: {target}, '
+            f'maximum: {scene.random.uniform(0.1, 1.0, 3).tolist()}}}')
+
+
 def _distance(scene):
     """Keep the distance from a point near that at the start, which may be too small."""
     point = scene.near(scene.tool, 0.1, 0.5)
@@ -219,7 +228,7 @@ BOUNDS = {
     'field_of_view': _field_of_view, 'joint_limits': _joint_limits, 'keep_in': _keep_in,
     'keep_out': _keep_out, 'manipulability_above': _manipulability_above,
     'obstacles': _obstacles, 'self_collision': _self_collision, 'speed_limit': _speed_limit,
-    'tilt': _tilt, 'distance': _distance,
+    'tilt': _tilt, 'distance': _distance, 'orientation_range': _orientation_range,
 }
 
 

@@ -217,6 +217,8 @@ class Canvas:
     def arrow(self, start, vector, colour):
         """Draw an arrow."""
         (x, u), (y, v) = np.column_stack((self.flat(start), self.flat(vector)))
+        # An arrow whose tip is outside is not drawn.
+        self.axis.update_datalim([(x + u, y + v)])
         self.axis.annotate('', (x + u, y + v), (x, y), zorder=8, arrowprops={
             'arrowstyle': '-|>', 'color': colour, 'linewidth': 2, 'shrinkA': 0, 'shrinkB': 0,
             'mutation_scale': 13})
@@ -503,6 +505,11 @@ def turn_about_z(run):
     return np.degrees(np.unwrap(angles - angles[0]))
 
 
+def turn_in_range(run):
+    """Return the turn about z from the middle of a range (T,) [deg]."""
+    return np.degrees(value(run, row=2))
+
+
 def mobility(run):
     """Return √det(J Jᵀ) of the tool (T,)."""
     measure = Mobility(run.robot, TOOL, list(range(6))).measure
@@ -688,6 +695,13 @@ def parking(canvas, run, without):
     canvas.text(state.position('tool'), 'tool', drawing.ARM_COLOUR, offset=(10, 10))
 
 
+def turned(canvas, run, without):
+    """Draw an axis of the frame at the start, and at the end with and without the task."""
+    for state, colour in ((run.states[0], START_COLOUR), (without.states[-1], WITHOUT_COLOUR),
+                          (run.states[-1], END_COLOUR)):
+        canvas.arrow(state.position(TOOL), 0.18 * state.rotation(TOOL)[:, 0], colour)
+
+
 def steps(canvas, run, without):
     """Mark the positions of the frame every quarter of a second."""
     canvas.dots(run.path(run.task.frame)[::round(0.25 / PERIOD)], 'o', END_COLOUR, markersize=5,
@@ -834,6 +848,15 @@ SCENES = {
         goals=((0.0, 'carry', [0.65, 0.5, 0.25]), (5.0, 'carry', [0.65, -0.2, 0.25])),
         seconds=10.0, frames=(LEFT, RIGHT), view=ABOVE, draw=spheres, compare=True,
         plots=(Plot('distance of the hands [m]', value, lower=0.3, upper=0.5), error('carry'))),
+    'orientation_range': Scene(
+        'panda', READY, f"""
+- range: {{type: orientation_range, frame: {TOOL}, maximum: [0.1, 0.1, 0.5]}}
+- tool: {{type: pose, frame: {TOOL}}}
+""",
+        goals=((0.0, 'tool', down(0.5, 0.25, 0.3, turn=70.0)),), seconds=8.0, frames=(TOOL,),
+        view=ABOVE, draw=turned, compare=True,
+        plots=(Plot('turn of the tool about z [°]', turn_in_range, lower=np.degrees(-0.5),
+                    upper=np.degrees(0.5)), error('tool', 'rad'))),
     'com_polygon': Scene(
         'talos', TALOS_READY, f"""
 - [left_foot: {{type: pose, frame: left_sole_link}},

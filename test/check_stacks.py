@@ -360,6 +360,8 @@ SOUND = [
           POSTURE),
     sound('two arms', 'span: {type: distance, frame: left_hand, reference: right_hand, '
           'maximum: 1.5}', LIMITS, 'left: {type: position, frame: left_hand, gain: 2.0}', POSTURE),
+    sound('panda', 'range: {type: orientation_range, frame: ⟨tool⟩, target: [1, 0, 0, 0], '
+          'maximum: [0.8, 0.8, 3.0]}', LIMITS, POSITION, POSTURE),
     sound('panda urdf', 'balance: {type: com_polygon, contacts: {⟨root⟩: [[0.2, 0.2, 0], '
           '[-0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0]]}}', LIMITS, POSITION, POSTURE),
     sound('panda', 'agile: {type: manipulability_above, frame: ⟨tool⟩, minimum: 0.03}', LIMITS,
@@ -545,6 +547,9 @@ FAULTS = [
              ['far: {type: distance, frame: ⟨tool⟩, minimum: 400.0}', POSITION],
              'units, bounds, out of reach', 'widen|move|reach|metres|mm|lower', 'far', runs=2,
              seconds=5.0),
+    *mistake('a range of half a degree', ('panda', 'ur5', 'xarm7'),
+             ['range: {type: orientation_range, frame: ⟨tool⟩, target: [1, 0, 0, 0], '
+              'maximum: 0.01}', POSITION], 'bounds dominate, bounds', 'widen', 'range', runs=4),
     *mistake('a support polygon beside the robot', ('panda urdf', 'ur5', 'xarm7'),
              ['balance: {type: com_polygon, contacts: {⟨root⟩: '
               '[[2, 2, 0], [3, 2, 0], [2, 3, 0]]}}', POSITION],

@@ -41,7 +41,7 @@ def inequalities(monkeypatch):
 
 @pytest.mark.parametrize('kind', [
     'joint_limits', 'keep_in', 'keep_out', 'field_of_view', 'tilt', 'distance',
-    'manipulability_above', 'speed_limit', 'self_collision', 'obstacles'])
+    'orientation_range', 'manipulability_above', 'speed_limit', 'self_collision', 'obstacles'])
 @pytest.mark.slow
 def test_bounds_are_kept_in_closed_loops_drawn_at_random(inequalities, kind):
     runs = [inequalities.run(kind, number) for number in range(2001, 2007)]

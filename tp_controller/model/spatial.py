@@ -25,6 +25,8 @@ IDENTITY = np.eye(3)
 # Within this angle of half a turn both directions are equally short, and noise alone would select
 # one of them [rad].
 HALF_TURN_BAND = 0.1
+# Angle below which terms of the fourth order are rounding errors [rad].
+SMALL_ANGLE = 1e-4
 # [a]× of the unit vectors, so that a.dot(CROSS) is [a]× of any vector a.
 CROSS = np.zeros((3, 3, 3))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -70,6 +72,19 @@ def rotation_vector(R: Array) -> Array:
 def rotation_from_vector(vector: ArrayLike) -> Array:
     """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     return pinocchio.exp3(np.asarray(vector, dtype=float))
+
+
+def vector_rate_matrix(vector: Array) -> Array:
+    """
+    Return the matrix (3, 3) from an angular velocity to the rate of a rotation vector (3,).
+
+    It is the inverse left Jacobian, 1 − ½ [r]× + (1 − ½ θ cot ½ θ) / θ² [r]×² with θ = ‖r‖ < 2 π;
+    the angular velocity is in the axes of the vector.
+    """
+    angle, cross_matrix = math.sqrt(vector.dot(vector)), skew(vector)
+    half = 0.5 * angle
+    share = (1.0 - half / math.tan(half)) / angle ** 2 if angle > SMALL_ANGLE else 1.0 / 12.0
+    return IDENTITY - 0.5 * cross_matrix + share * cross_matrix.dot(cross_matrix)
 
 
 def skew(vector: Array) -> Array:

@@ -28,6 +28,7 @@ from tp_controller.tasks.keys import Keys
 from tp_controller.tasks.manipulability import Manipulability, ManipulabilityAbove
 from tp_controller.tasks.obstacles import Obstacles
 from tp_controller.tasks.orientation import Orientation
+from tp_controller.tasks.orientation_range import OrientationRange
 from tp_controller.tasks.pointing import LookAt, Pointing
 from tp_controller.tasks.pose import Pose
 from tp_controller.tasks.position import Position
@@ -46,9 +47,9 @@ __all__ = [
     'BaseOrientation', 'BasePose', 'BoundedTask', 'CenterOfMass', 'ComPolygon', 'Distance',
     'Evaluation', 'FieldOfView', 'FrameTask', 'GradientTask', 'Joint', 'JointLimitDistance',
     'JointLimits', 'JointTask', 'JointVelocity', 'KeepIn', 'KeepOut', 'Keys', 'LookAt',
-    'Manipulability', 'ManipulabilityAbove', 'Obstacles', 'Orientation', 'Pointing', 'Pose',
-    'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SelfCollision', 'SpeedLimit',
-    'Task', 'Tilt', 'Twist', 'frame_key', 'reference_key', 'task_types', 'yaml_key']
+    'Manipulability', 'ManipulabilityAbove', 'Obstacles', 'Orientation', 'OrientationRange',
+    'Pointing', 'Pose', 'Position', 'Posture', 'RelativePose', 'RelativePosition', 'SelfCollision',
+    'SpeedLimit', 'Task', 'Tilt', 'Twist', 'frame_key', 'reference_key', 'task_types', 'yaml_key']
 
 
 @lru_cache(maxsize=1)

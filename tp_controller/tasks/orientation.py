@@ -19,7 +19,7 @@ from tp_controller.model.spatial import (
     shorter_rotation,
 )
 from tp_controller.model.state import RobotState
-from tp_controller.tasks.frame import FrameTask
+from tp_controller.tasks.frame import FrameTask, MovingGoalTask
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import finite_vector, has_shape
 from tp_controller.tasks.sketch import arc, AXES_LENGTH, Sketch
@@ -103,7 +103,22 @@ class TurningFrameTask(TurningTask, FrameTask):
         return self._rotation_error.memory
 
 
-class Orientation(TurningFrameTask):
+class RotationTask(MovingGoalTask):
+    """Mixin of tasks whose goal is an orientation; precedes the base class."""
+
+    goal_type = 'quaternion'
+    twist_rows = slice(3, 6)
+
+    def parse_goal(self, goal: ArrayLike) -> Array:
+        """Return a rotation matrix (3, 3), or raise `GoalError`."""
+        return parse_rotation(goal, f'the goal of task {self.name!r}')
+
+    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
+        """Rotate an orientation from another frame to the reference frame."""
+        return T_reference_frame[:3, :3].dot(goal)
+
+
+class Orientation(RotationTask, TurningFrameTask):
     """
     Turn a frame to an orientation: error log(R_d Rᵀ), Jacobian J_ω (lecture 3.3).
 
@@ -118,8 +133,6 @@ class Orientation(TurningFrameTask):
     example = {'frame': 'panda_hand_tcp'}
     make_twin = TurningFrameTask.twin_with_goal
     sketch_parts = {'frame': True, 'goal': True, 'turn': False}
-    goal_type = 'quaternion'
-    twist_rows = slice(3, 6)
 
     def value(self, state: RobotState) -> Array:
         """Return R_reference_frame (3, 3)."""
@@ -128,14 +141,6 @@ class Orientation(TurningFrameTask):
     def error(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal about the selected axes (rows,) [rad]."""
         return self._turn(state)[self._mask]
-
-    def parse_goal(self, goal: ArrayLike) -> Array:
-        """Return a rotation matrix (3, 3), or raise `GoalError`."""
-        return parse_rotation(goal, f'the goal of task {self.name!r}')
-
-    def goal_in_reference(self, goal: Array, T_reference_frame: Array) -> Array:
-        """Rotate an orientation from another frame to the reference frame."""
-        return T_reference_frame[:3, :3].dot(goal)
 
     def goal_pose(self, state: RobotState) -> Array:
         """Return the pose of the frame after the turn about the selected axes (4, 4)."""

@@ -60,6 +60,11 @@ CASES = {
         {'frame': TOOL, 'minimum': 0.3},
         {'frame': TOOL, 'reference': ELBOW, 'maximum': 0.45},
         {'frame': TOOL, 'at': [0.4, 0.1, 0.5], 'minimum': 0.2, 'maximum': 0.6, 'gain': 4.0}],
+    'orientation_range': [
+        {'frame': TOOL, 'maximum': 0.7},
+        {'frame': TOOL, 'axes': 'zx', 'minimum': [-0.5, 0.1], 'maximum': [0.2, 1.5],
+         'target': TILTED[3:], 'reference': ELBOW},
+        {'frame': TOOL, 'maximum': 3.1, 'target': [0.0, 0.0, 1.0, 0.0]}],
     'com_polygon': [
         {'contacts': {'panda_link0': [[-0.2, -0.2, 0.0], [0.3, -0.1, 0.1], [0.1, 0.3, -0.2]]},
          'margin': 0.01, 'up': [0.1, -0.2, 1.0]},
@@ -277,7 +282,7 @@ def test_a_row_that_curves_outwards_keeps_a_clearance_for_that(name, keys):
 def test_every_type_says_what_it_takes_and_what_it_is(name):
     kind = KINDS[name]
     assert kind.type_name == name and inspect.getdoc(kind)
-    assert kind.goal_type in (None, 'pose', 'point', 'direction')
+    assert kind.goal_type in (None, 'pose', 'point', 'direction', 'quaternion')
 
 
 @pytest.mark.parametrize('name, keys', CONTRACT)
@@ -326,6 +331,14 @@ def test_bad_goals_are_refused_with_the_name_of_the_task(name, keys):
     ('distance', {'frame': TOOL, 'minimum': 0.5, 'maximum': 0.5},
      'minimum: must be less than maximum = 0.5, got 0.5'),
     ('distance', {'frame': TOOL, 'minimum': 0.5, 'at': [0.0] * 7}, 'at: the point .* needs 3 num'),
+    ('orientation_range', {'frame': TOOL, 'maximum': [0.1, 0.2]}, 'maximum: a range needs 3 n'),
+    ('orientation_range', {'frame': TOOL, 'maximum': 4.0}, 'maximum: needs angles of at most π'),
+    ('orientation_range', {'frame': TOOL, 'maximum': 'x'}, 'maximum: a range needs 3 numbers'),
+    ('orientation_range', {'frame': TOOL, 'maximum': 0.2, 'minimum': [0.0, 0.2, 0.1]},
+     'minimum: must be less than maximum about every axis, got'),
+    ('orientation_range', {'frame': TOOL, 'maximum': 0.2, 'axes': 'w'}, 'axes: needs some of x'),
+    ('orientation_range', {'frame': TOOL, 'maximum': 0.2, 'target': [0, 0, 0, 0]},
+     'target: the target: a quaternion'),
     ('com_polygon', {'contacts': [TOOL, ELBOW]}, 'contacts: needs 3 to 32 contact points, got 2'),
     ('com_polygon', {'contacts': TOOL}, 'contacts: needs a list of frames, or {frame: '),
     ('com_polygon', {'contacts': [TOOL, 'foot', ELBOW]}, "contacts: unknown frame 'foot'"),
@@ -416,7 +429,7 @@ def test_centre_of_a_round_shape_has_a_direction_away_from_it():
 
 # {type: whether its goals translate, and turn}
 MOVED = {'keep_in': (1, 1), 'keep_out': (1, 1), 'distance': (1, 0), 'field_of_view': (1, 0),
-         'tilt': (0, 1)}
+         'tilt': (0, 1), 'orientation_range': (0, 1)}
 
 
 @pytest.mark.parametrize('name, keys', [
@@ -433,6 +446,8 @@ def test_bounds_that_move_as_a_twist_says_are_kept_ahead_of(name, keys):
             task.goal = goal + dt * twist[:3]
         elif name == 'tilt':
             task.goal = goal + dt * np.cross(twist[3:], goal)
+        elif name == 'orientation_range':
+            task.goal = Rotation.from_rotvec(dt * twist[3:]).as_matrix() @ goal
         else:
             task.goal = goal.copy()
             task.goal[:3, :3] = Rotation.from_rotvec(dt * twist[3:]).as_matrix() @ goal[:3, :3]
@@ -593,6 +608,8 @@ LOOPS = {
     'field_of_view': '{type: field_of_view, frame: panda_hand_tcp, half_angle: 0.3, '
                      'target: [0.3, 0.0, -0.2]}',
     'tilt': '{type: tilt, frame: panda_hand_tcp, axis: -z, within: 0.2}',
+    'orientation_range': '{type: orientation_range, frame: panda_hand_tcp, maximum: '
+                         '[0.1, 0.15, 0.3]}',
     'distance': '{type: distance, frame: panda_hand_tcp, at: [0.3, 0.1, 0.3], minimum: 0.2, '
                 'maximum: 0.6}',
     'manipulability_above': '{type: manipulability_above, frame: panda_hand_tcp, minimum: 0.07}',

@@ -34,7 +34,7 @@ KEYS = {
 }
 # {type: the rows of a twist, x to rz, that its axes can be}
 MASKED = {name: range(6)[kind.twist_rows] for name, kind in KINDS.items()
-          if 'axes' in kind.accepted_keys() and 'goal' in kind.sketch_parts}
+          if 'axes' in kind.accepted_keys() and 'goal' in kind.sketch_parts and not kind.bounded}
 AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
@@ -332,6 +332,21 @@ def test_cone_of_a_tilt_is_about_its_direction(seed):
     close(cone.T[:3, 2], placements[ELBOW][:3, :3] @ task.goal, atol=1e-9)
     close(cone.T[:3, 3], T[:3, 3], atol=1e-9)
     assert cone.half_angle == 0.3
+
+
+@given(seed=SEEDS)
+def test_arc_of_a_range_turns_an_axis_of_the_goal_from_one_bound_to_the_other(seed):
+    task, state, placements, _ = started(
+        'orientation_range', seed, lambda rng: random_pose(rng)[:3, :3], reference=ELBOW,
+        axes='zy', minimum=[-0.3, 0.2], maximum=[0.4, 1.0], target=None)
+    parts, R = drawn(task, state), placements[ELBOW][:3, :3] @ task.goal
+    assert {part for part in parts if part.startswith('range')} == {'range/y', 'range/z'}
+    for axis, shown, ends in ((1, 2, (-0.3, 0.4)), (2, 0, (0.2, 1.0))):
+        tips = parts[f'range/{"xyz"[axis]}'].points - placements[TOOL][:3, 3]
+        assert len(tips) > 10
+        for tip, turn in zip((tips[0], tips[-1]), ends):
+            expected = Rotation.from_rotvec(turn * R[:, axis]).apply(R[:, shown])
+            close(tip, sketch.AXES_LENGTH * expected, atol=1e-9)
 
 
 @given(seed=SEEDS)
