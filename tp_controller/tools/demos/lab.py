@@ -10,17 +10,18 @@ beside the expected one.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller import Controller, KinematicSimulator, Robot, Settings, Stack
+from tp_controller import Controller, Robot, Settings, Stack
 from tp_controller.model.spatial import Array
 from tp_controller.resources import package_share
 from tp_controller.tools.demos.motion import Look, Motion
 from tp_controller.tools.demos.outcome import films, Measurement, Outcome
+from tp_controller.tools.demos.simulation import Run, simulate
 from tp_controller.tools.plots.curves import plot_errors, plot_positions, plot_velocities
 
 Point = Sequence[float] | Array
@@ -46,25 +47,6 @@ REFERENCE_ERROR = 1.733e-3
 REFERENCE_Q = (0.74633, -0.21186, -0.71626)
 
 
-@dataclass(frozen=True, eq=False)
-class _Recording:
-    """Recorded motion: one sample for each period, including the start and the end."""
-
-    robot: Robot
-    stack: Stack
-    times: Array  # (T,) [s]
-    q: Array  # (T, n) [rad]
-    velocities: Array  # (T, n), commands at these times [rad/s]
-    tool: Array  # (T, 3), end-effector [m]
-    goals: Array  # (T, 3) [m]
-    errors: Mapping[str, Array]  # {task: (T,)}, norms in the report
-
-    @property
-    def top_speed(self) -> float:
-        """Return the largest absolute joint velocity [rad/s]."""
-        return float(np.abs(self.velocities).max())
-
-
 def lab1(folder: str | Path) -> Outcome:
     """Run exercise 1, motion in the null space of a position, with figures in a folder."""
     motion = null_space_motion()
@@ -80,7 +62,8 @@ def lab1(folder: str | Path) -> Outcome:
     error = ('end-effector', 'mm', 1e3 * motion.errors['end_effector'])
     folder = Path(folder)
     paths = (
-        *_film(folder / 'lab1.webp', motion, 'The joints move, the end-effector stays'),
+        *_film(folder / 'lab1.webp', motion, 'The joints move, the end-effector stays',
+               [motion.robot.state(EXERCISE_START).position(END_EFFECTOR)]),
         plot_positions(folder / 'lab1_positions.png', motion.times, motion.q,
                        motion.robot.joint_names, title='Null-space motion: joint positions'),
         plot_errors(folder / 'lab1_error.png', motion.times, [error],
@@ -113,10 +96,10 @@ def lab2(folder: str | Path, seed: int = 1) -> Outcome:
         motions['joint 1 first'].errors['joint1'].max(), 0.0, 1e-9))
     title = 'Exercise 2: end-effector position and joint 1 position, in both orders'
     return Outcome(title, tuple(measurements), tuple(_goal_lines(goals, motions)),
-                   tuple(_two_task_figures(Path(folder), motions)))
+                   tuple(_two_task_figures(Path(folder), goals, motions)))
 
 
-def null_space_motion(duration: float = 10.0) -> _Recording:
+def null_space_motion(duration: float = 10.0) -> Run:
     """Return the recorded motion of exercise 1."""
     def set_goals(controller: Controller, now: float) -> None:
         controller.set_goal('null_space_motion', [math.sin(now), math.cos(now), math.sin(now)],
@@ -125,7 +108,7 @@ def null_space_motion(duration: float = 10.0) -> _Recording:
     return _record('lab1', UNDAMPED, duration, set_goals)
 
 
-def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> _Recording:
+def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> Run:
     """
     Return the recorded motion of exercise 2.
 
@@ -140,7 +123,7 @@ def two_tasks(order: str, goals: ArrayLike, goal_time: float = GOAL_TIME) -> _Re
 
     Returns
     -------
-    Recording
+    Run
 
     """
     steps = round(goal_time / EXERCISE_PERIOD)
@@ -175,28 +158,13 @@ def best_error(goal: Point) -> float:
 
 
 def _record(stack: str, settings: Settings, duration: float,
-            set_goals: Callable[[Controller, float], None]) -> _Recording:
+            set_goals: Callable[[Controller, float], None]) -> Run:
     """Simulate a stack; call `set_goals(controller, now)` in every cycle."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'planar_3r.yaml')
     controller = Controller(robot, Stack.from_yaml(config / f'{stack}.yaml', robot), settings)
-    simulator = KinematicSimulator(robot, EXERCISE_START)
-    state = robot.state(EXERCISE_START)
-    rows = []
-    for step in range(round(duration / EXERCISE_PERIOD) + 1):
-        now = step * EXERCISE_PERIOD
-        set_goals(controller, now)
-        command = controller.update(simulator.q, now)
-        state.update(simulator.q)
-        goal = controller.stack.tasks['end_effector'].goal
-        rows.append((now, simulator.q, command.velocity, state.position(END_EFFECTOR), goal,
-                     [task.errors[0][0] for task in command.report.tasks]))
-        simulator.command(command.velocity)
-        simulator.step(EXERCISE_PERIOD)
-    times, q, velocities, tool, goals, errors = (np.array(column) for column in zip(*rows))
-    names = [task.name for task in command.report.tasks]
-    return _Recording(robot, controller.stack, times, q, velocities, tool, goals,
-                      dict(zip(names, errors.T)))
+    return simulate(controller, EXERCISE_START, round(duration / EXERCISE_PERIOD) + 1,
+                    lambda now: set_goals(controller, now))
 
 
 def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
@@ -212,7 +180,7 @@ def _measure_two_tasks(goal: Point) -> Iterator[Measurement]:
                           joint1, 2e-4)
 
 
-def _goal_lines(goals: Array, motions: Mapping[str, _Recording]) -> Iterator[str]:
+def _goal_lines(goals: Array, motions: Mapping[str, Run]) -> Iterator[str]:
     """Yield a table of the final errors of each random goal."""
     first, second = motions.values()
     yield ''
@@ -232,14 +200,16 @@ def _goal_lines(goals: Array, motions: Mapping[str, _Recording]) -> Iterator[str
     yield ''
 
 
-def _two_task_figures(folder: Path, motions: Mapping[str, _Recording]) -> Iterator[Path]:
+def _two_task_figures(folder: Path, goals: Array,
+                      motions: Mapping[str, Run]) -> Iterator[Path]:
     """Write the figures of exercise 2 and yield their paths."""
     changes = GOAL_TIME * np.arange(1, GOAL_COUNT)
     for order, motion in motions.items():
         name = ORDERS[order]
         caption = order[0].upper() + order[1:]
         names, times = motion.robot.joint_names, motion.times
-        yield from _film(folder / f'{name}.webp', motion, caption)
+        yield from _film(folder / f'{name}.webp', motion, caption,
+                         [(*goal, 0.0) for goal in goals])
         yield plot_positions(folder / f'{name}_positions.png', times, motion.q, names,
                              title=f'{caption}: joint positions', changes=changes)
         yield plot_velocities(folder / f'{name}_velocities.png', times, motion.velocities,
@@ -253,11 +223,9 @@ def _two_task_figures(folder: Path, motions: Mapping[str, _Recording]) -> Iterat
         title='Error of the end-effector (top) and of joint 1 (bottom)', changes=changes)
 
 
-def _film(path: Path, motion: _Recording, title: str) -> tuple[Path, ...]:
+def _film(path: Path, motion: Run, title: str, points: Sequence[Point]) -> tuple[Path, ...]:
     """Return the path of a film, with numbered goals if there are several; see `films`."""
-    new = np.append(True, np.any(np.diff(motion.goals, axis=0), axis=1))
-    goals = [(now, 'end_effector', goal) for now, goal in zip(
-        motion.times[new].tolist(), motion.goals[new])]
+    goals = [(GOAL_TIME * index, 'end_effector', point) for index, point in enumerate(points)]
     captions = [(now, f'{title}: goal {number} of {len(goals)}' if len(goals) > 1 else title)
                 for number, (now, *_) in enumerate(goals, 1)]
     return films(path, Motion(

@@ -10,9 +10,10 @@ and figures can be made in any thread.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+import math
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -184,36 +185,84 @@ def plot_positions(path: str | Path, times: Array, q: Array, names: Sequence[str
     return save(figure, path)
 
 
-def plot_bounds(path: str | Path, times: Array, curves: Sequence[tuple[str, Array, float, float]],
-                *, title: str) -> Path:
+class BoundedCurves(NamedTuple):
     """
-    Plot values over time with their bounds, one axis for each.
+    Curves of one quantity over time, with its bounds.
+
+    Attributes
+    ----------
+    label : str
+        Quantity with its unit.
+    values : {str: ndarray (T,)}
+        Values by the name of the curve.
+    lower, upper : float
+        Bounds; infinite without one.
+
+    """
+
+    label: str
+    values: Mapping[str, Array]
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+def plot_bounds(path: str | Path, times: Array, curves: Sequence[BoundedCurves], *, title: str,
+                active: Mapping[str, Sequence[bool]] | None = None) -> Path:
+    """
+    Plot values over time with their bounds, one axis for each quantity.
 
     Parameters
     ----------
     path, times, title
         See `plot_errors`.
-    curves : sequence of (str, ndarray (T,), float, float)
-        Label with the unit, values, lower and upper bound; infinite without a bound. The axis is
-        shaded beyond a bound.
+    curves : sequence of BoundedCurves
+        Quantities from top to bottom, shaded beyond their bounds. A name has the same colour on
+        every axis; a single curve without a name has that of its axis.
+    active : {str: sequence of bool (T,)}, optional
+        Rows of an axis below: a band wherever true.
 
     Returns
     -------
     pathlib.Path
 
     """
-    figure, axes = _figure(title, len(curves), height=1.0 + 1.5 * len(curves))
-    for index, (axis, (label, values, lower, upper)) in enumerate(zip(axes, curves)):
-        axis.plot(times, values, **_line(index))
-        bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
-        low, high = np.min([*values, *bounds]), np.max([*values, *bounds])
-        axis.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-        for bound, end in zip((lower, upper), axis.get_ylim()):
-            if np.isfinite(bound):
-                mark_bound(axis, bound, end - bound)
-        axis.set_title(label, fontsize='medium', loc='left')
+    names = list(dict.fromkeys(name for quantity in curves for name in quantity.values if name))
+    heights = [1.5] * len(curves) + ([0.4 + 0.3 * len(active)] if active else [])
+    figure, axes = _figure(title, len(heights), 1.0 + sum(heights), heights)
+    for index, (axis, quantity) in enumerate(zip(axes, curves)):
+        for name, values in quantity.values.items():
+            axis.plot(times, values, label=name,
+                      **_line(names.index(name) if name else index))
+        _set_bounded_range(axis, quantity)
+        axis.set_title(quantity.label, fontsize='medium', loc='left')
+    if names:
+        _legend(axes[0])
+    if active:
+        _add_bands(axes[-1], times, active)
     _finish_time_axes(figure, axes, times)
     return save(figure, path)
+
+
+def _set_bounded_range(axis: Axes, quantity: BoundedCurves) -> None:
+    """Show all values and bounds of a quantity, shaded beyond the bounds."""
+    bounds = [bound for bound in (quantity.lower, quantity.upper) if np.isfinite(bound)]
+    shown = np.concatenate([*quantity.values.values(), bounds])
+    low, high = shown.min(), shown.max()
+    margin = 0.08 * ((high - low) or 1.0)
+    axis.set_ylim(low - margin, high + margin)
+    for bound, end in zip((quantity.lower, quantity.upper), axis.get_ylim()):
+        if np.isfinite(bound):
+            mark_bound(axis, bound, end - bound)
+
+
+def _add_bands(axis: Axes, times: Array, active: Mapping[str, Sequence[bool]]) -> None:
+    """Draw a row for each name, with a band wherever it is active (T,)."""
+    for row, (mask, colour) in enumerate(zip(active.values(), LINE_COLOURS)):
+        axis.fill_between(times, row - 0.4, row + 0.4, where=list(mask), step='post',
+                          linewidth=0.0, color=colour)
+    axis.set_yticks(range(len(active)), list(active))
+    axis.set_ylim(len(active) - 0.5, -0.5)
+    axis.set_title('active bounds', fontsize='medium', loc='left')
 
 
 def plot_tool_path(path: str | Path, points: ArrayLike, goals: ArrayLike | None = None, *,
