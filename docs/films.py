@@ -24,6 +24,7 @@ FOLDER = Path(__file__).resolve().parent / 'images'
 FILMS = {
     'panda': ['film'], 'mobile': ['film'], 'underwater': ['film'], 'two_arms': ['film'],
     'drill': ['drill'], 'lab1': ['lab1'], 'lab2': ['lab2_end_effector_first'],
+    **{name: [name] for name in ('camera', 'bounds', 'weights', 'forms')},
 }
 
 

@@ -242,6 +242,8 @@ SOUND = [
     # All of config/, with their parameter files.
     shipped('', 'demo'),
     shipped('', 'conflict', seconds=30.0),
+    shipped('', 'bounds'),
+    shipped('', 'camera'),
     shipped('', 'mobile'),
     shipped('', 'underwater', runs=4),
     shipped('', 'two_arms', runs=2),

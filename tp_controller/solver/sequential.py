@@ -6,6 +6,8 @@
 import numpy as np
 from tp_controller.solver.level import Array, Level
 from tp_controller.solver.null_space import decompose
+from tp_controller.solver.scaling import scale_uniformly
+from tp_controller.solver.solution import Bounds, Memory, Solution
 
 
 def sequential(levels: list[Level], n: int) -> Array:
@@ -37,3 +39,28 @@ def sequential(levels: list[Level], n: int) -> Array:
         free = alone.Q[:, alone.rank:]
         P = P.dot(free.dot(free.T))
     return zeta
+
+
+class SequentialSolver:
+    """
+    Solver of the sequential form with uniform scaling, for `Controller(…, solver=…)`.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints.
+
+    """
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+
+    def solve(self, levels: list[Level], bounds: Bounds, memory: Memory = ()) -> Solution:
+        """Return the solution of levels with demands."""
+        whole = sequential(levels, self._n)
+        return Solution(scale_uniformly(whole, bounds.lower, bounds.upper)[0], levels)
+
+    @property
+    def undamped(self) -> 'SequentialSolver':
+        """Return the solver itself: it has no damping."""
+        return self

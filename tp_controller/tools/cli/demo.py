@@ -8,10 +8,14 @@ from functools import partial
 import os
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.demos.startup import report_if_slow
+
+if TYPE_CHECKING:  # Imported when a demo runs: the figures take a second.
+    from tp_controller.tools.demos.outcome import Outcome
 
 # The same as in tp_controller.tools.demos.outcome and tp_controller.ros.declarations.controller,
 # whose imports take a second.
@@ -25,7 +29,12 @@ DEMOS = {
     'drill': 'drilling, five rows, above inequality tasks',
     'lab1': 'null-space motion',
     'lab2': 'two tasks in both orders',
+    'camera': 'a camera on five joints',
+    'bounds': 'inequality tasks switch on and off',
+    'weights': 'vehicle and arm share the motion',
+    'forms': 'recursive and sequential form at a singularity',
 }
+OVER_ROS = ('panda', 'mobile', 'underwater', 'two_arms')
 # Demo of `tp_controller view` without an end.
 INTERACTIVE_DEMO = 'conflict'
 EXAMPLES = """\
@@ -39,7 +48,7 @@ examples:
   tp_controller demo lab2 --seed 3           exercise 2 of the lab with other random goals
 
 The demos panda, mobile, underwater and two_arms start a controller and a simulator of their own,
-which talk on this machine only, in a ROS domain of their own. drill, lab1 and lab2 need no ROS.
+which talk on this machine only, in a ROS domain of their own. The others need no ROS.
 """
 
 
@@ -74,12 +83,8 @@ def run_demo(options: argparse.Namespace) -> int:
     if not options.film:
         # All demos read this variable.
         os.environ[FILM] = NO_FILM
-    # Imported here: the figures take a second to import, and goals do not need them.
-    if options.name in ('drill', 'lab1', 'lab2'):
-        from tp_controller.tools.demos.drill import drill
-        from tp_controller.tools.demos.lab import lab1, lab2
-        outcome = drill(folder) if options.name == 'drill' else lab1(folder) \
-            if options.name == 'lab1' else lab2(folder, options.seed)
+    if options.name not in OVER_ROS:
+        outcome = _simulate(options.name, folder, options.seed)
         print(outcome)
         passed = outcome.passed
     else:
@@ -90,6 +95,19 @@ def run_demo(options: argparse.Namespace) -> int:
         passed = run_over_ros(ROS_DEMOS[options.name], folder, options.view,
                               options.commands)
     return 0 if passed else 1
+
+
+def _simulate(name: str, folder: Path, seed: int) -> 'Outcome':
+    """Return the outcome of a demo without ROS."""
+    # Imported here: the figures take a second to import, and goals do not need them.
+    from tp_controller.tools.demos.drill import drill
+    from tp_controller.tools.demos.lab import lab1, lab2
+    from tp_controller.tools.demos.scene import play
+    from tp_controller.tools.demos.scenes import SCENES
+    if name in SCENES:
+        return play(name, SCENES[name](), folder)
+    return drill(folder) if name == 'drill' else lab1(folder) if name == 'lab1' \
+        else lab2(folder, seed)
 
 
 def _demo(text: str) -> str:

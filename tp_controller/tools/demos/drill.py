@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from tp_controller import Controller, Robot, Settings, Stack
 from tp_controller.control.units import with_unit
 from tp_controller.model.shapes import Cylinder
@@ -26,7 +25,7 @@ from tp_controller.tasks.cone import FieldOfView
 from tp_controller.tasks.joint_limits import JointLimits
 from tp_controller.tools.demos.motion import FixedObject, Look, Motion
 from tp_controller.tools.demos.outcome import films, Measurement, Outcome
-from tp_controller.tools.demos.simulation import Run, simulate
+from tp_controller.tools.demos.simulation import intervals, Run, simulate
 from tp_controller.tools.plots.curves import BoundedCurves, plot_bounds
 
 PERIOD = 0.01
@@ -122,16 +121,10 @@ def _violations(motion: Run) -> Iterator[str]:
     for name, task in list(motion.stack.tasks.items())[2:5]:
         (_, unit, tolerance), = task.groups
         outside = motion.errors[name]
-        for first, last in _intervals(outside > tolerance):
+        for first, last in intervals(outside > tolerance):
             yield (f'  {name:<8} {motion.times[first]:5.1f} s to {motion.times[last]:5.1f} s, '
                    f'by {with_unit(f"{outside[first:last + 1].max():.3f}", unit)}')
     yield ''
-
-
-def _intervals(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return (first, last) of every run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
-    return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
 
 
 def _figures(folder: Path, motion: Run, tip: Array, axis: Array) -> Iterator[Path]:

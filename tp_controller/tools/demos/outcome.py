@@ -14,7 +14,7 @@ from tp_controller.tools.extras import install_command
 
 # Environment variable of the films, and its value for none.
 FILM_VARIABLE, NONE = 'TP_CONTROLLER_FILM', 'none'
-DECIMALS = {'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
+DECIMALS = {'m': 3, 'mm': 3, '°': 3, '%': 1, 'rad': 5, 'rad/s': 3}
 
 
 @dataclass(frozen=True)

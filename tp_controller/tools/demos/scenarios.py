@@ -4,15 +4,18 @@
 """Scenarios of the demos over ROS 2: robots, stacks and goals, from files in config/."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from tp_controller.control.settings import Settings
 from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.model.shapes import Box, Cylinder
+from tp_controller.model.simulator import initial_positions
+from tp_controller.model.spatial import Array
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.tasks.stack import Stack
 from tp_controller.tools.check.parameter_file import node_parameters
@@ -60,6 +63,21 @@ class Demo:
         """Return the rate of joint states of the simulator, each followed by a command [Hz]."""
         rate: float = node_parameters(self.file(''), 'tp_simulator')['rate']
         return rate
+
+    @cached_property
+    def start(self) -> Array:
+        """Return the initial configuration of the simulator (nq,) [rad or m]."""
+        return initial_positions(
+            node_parameters(self.file(''), 'tp_simulator')['initial_positions'], self.robot)
+
+    @cached_property
+    def settings(self) -> Settings:
+        """Return the settings in the parameters of the controller."""
+        given = node_parameters(self.file(''), 'tp_controller')
+        chosen: dict[str, Any] = {
+            name: tuple(value) if name == 'weights' else value
+            for name, value in given.items() if name in {each.name for each in fields(Settings)}}
+        return Settings(**chosen)
 
     @cached_property
     def stack(self) -> Stack:

@@ -106,3 +106,9 @@ def simulate(controller: Controller, start: ArrayLike, samples: int,
     times, q, velocities, reports = zip(*rows)
     return Run(controller.robot, controller.stack, np.array(times), np.array(q),
                np.array(velocities), reports)
+
+
+def intervals(mask: ArrayLike) -> list[tuple[int, int]]:
+    """Return (first, last) of every run of true values of a mask (T,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
+    return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]

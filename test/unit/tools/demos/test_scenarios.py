@@ -11,19 +11,20 @@ import sys
 import numpy as np
 import pytest
 from robots import CONFIG, REPOSITORY
-from tp_controller import Controller, GoalError, KinematicSimulator, Settings
-from tp_controller.model.simulator import initial_positions
+from tp_controller import Controller, GoalError, KinematicSimulator
 from tp_controller.tasks import task_types
 from tp_controller.tools.cli.demo import DEMOS as DESCRIBED
 from tp_controller.tools.cli.demo import INTERACTIVE_DEMO
 from tp_controller.tools.cli.view import DEMOS as VIEWED
 from tp_controller.tools.cli.view import WITHOUT_NODES
 from tp_controller.tools.demos.scenarios import DEMOS, goal_fields, node_parameters
+from tp_controller.tools.demos.scenes import DEMOS as SCENES
 import yaml
 
 PERIOD = 0.01
 SECONDS = 15.0
-demos = pytest.mark.parametrize('demo', DEMOS.values(), ids=DEMOS)
+FILES = {**DEMOS, **SCENES}
+demos = pytest.mark.parametrize('demo', FILES.values(), ids=FILES)
 
 
 def parameters(demo, node):
@@ -59,13 +60,10 @@ class Run:
     """
 
     def __init__(self, demo):
-        given = parameters(demo, 'tp_controller')
-        self.robot = robot = demo.robot
+        self.robot = demo.robot
         self.stack = demo.stack
-        self.controller = Controller(robot, self.stack, Settings(
-            period=PERIOD, weights=tuple(given['weights']) if 'weights' in given else None))
-        self.simulator = KinematicSimulator(robot, initial_positions(
-            parameters(demo, 'tp_simulator')['initial_positions'], robot))
+        self.controller = Controller(self.robot, self.stack, demo.settings)
+        self.simulator = KinematicSimulator(self.robot, demo.start)
         self.now, self.outcomes = 0.0, []
         self.q, self.velocities, self.reports = [], [], []
         self._cycle()
@@ -138,7 +136,7 @@ def test_both_nodes_of_a_demo_have_one_robot_and_the_stack_of_its_name(demo):
     assert simulator.get('base', 'fixed') == controller.get('base', 'fixed') == demo.robot.base
     assert controller['stack'].rpartition('/')[2] == demo.file('_stack').name
     assert len(controller.get('weights', demo.robot.velocity_names)) == demo.robot.n
-    start = demo.robot.positions(initial_positions(simulator['initial_positions'], demo.robot))
+    start = demo.robot.positions(demo.start)
     assert (start > demo.robot.lower).all() and (start < demo.robot.upper).all()
 
 
@@ -181,10 +179,10 @@ def test_every_task_type_is_in_a_stack_that_a_demo_uses_or_has_a_picture():
     named = ''.join(path.read_text(encoding='utf-8') for path in (
         *(REPOSITORY / 'tp_controller' / 'tools' / 'demos').glob('*.py'),
         REPOSITORY / 'docs' / 'lab.md'))
-    used = {demo.file('_stack').name for demo in DEMOS.values()}
+    used = {demo.file('_stack').name for demo in FILES.values()}
     used |= {path.name for path in CONFIG.glob('*.yaml') if path.name in named
              and isinstance(yaml.safe_load(path.read_text()), list)}
-    used -= {demo.file('_goals').name for demo in DEMOS.values()}
+    used -= {demo.file('_goals').name for demo in FILES.values()}
     shown = set().union(*(types_in(CONFIG / name) for name in used))
     own = {name for name, kind in task_types().items()
            if kind.__module__.startswith('tp_controller.')}
@@ -267,4 +265,4 @@ def test_a_demo_needs_no_library_for_recordings():
 def test_every_demo_is_found_by_both_commands():
     ours = set(DESCRIBED) | {INTERACTIVE_DEMO}
     assert set(VIEWED) | set(WITHOUT_NODES) == ours
-    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(DEMOS) == {INTERACTIVE_DEMO}
+    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(FILES) == {INTERACTIVE_DEMO}
