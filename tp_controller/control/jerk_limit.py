@@ -4,7 +4,28 @@
 """
 Jerk limit: bounds on the second difference of the commands, with the look-ahead that they need.
 
-`docs/limits.md` proves that each state within these bounds has a successor within them.
+Each command within these bounds has a successor within them, with the symbols of docs/limits.md.
+Upwards, a command is allowed if some α in I = [a − j h/2, a + j h/2] satisfies D(v, α) ≤ d and v
++ max(α, 0)²/(2 j) ≤ q̇_max: these α are an interval without lower end, as D does not decrease
+with α. Downwards, they are one without upper end. Of I count accelerations up to a_max; as b is
+at most that, no condition changes.
+
+1. They have a common α. Let v ≥ 0. Every α ≥ −√(2 j v) is allowed downwards, as the joint can
+   reach a = 0 before it moves back. If any α is allowed upwards, so is −b(v) ≥ −√(2 j v). So the
+   intervals of both directions meet, and each of them meets I; three intervals that meet in pairs
+   have a common point. The same holds for v < 0, mirrored.
+2. A smooth motion r goes on from (v, α), with a jerk of at most j and an acceleration of at most
+   a_max, that both directions allow at each of its times. Let v ≥ 0. Above −b(v) it is the stop
+   law: ∫ r dt decreases by the motion of the joint, nothing is added downwards, and the velocity
+   limit is kept. Between −√(2 j v) and −b(v) it is the jerk +j until it meets −b: the joint slows
+   down faster than the law demands. Below, it turns back in any case, and r is the mirrored stop
+   law. For v < 0, mirrored.
+3. The next command is v′ = r(h′), after any h′ ≤ T. Then a′ is the mean of the acceleration of r
+   over h′. It differs from α by at most j h′/2, so from a by at most j (h + h′)/2; and r has an
+   acceleration at h′ that differs from a′ by at most j h′/2: it is in the I of the next cycle.
+4. The distance suffices. In h′ the command moves the joint by v h′, r by ∫ r dt. If r does not
+   fall below v, v h′ ≤ ∫ r dt. Otherwise v h′ − ∫ r dt ≤ h′ (v − v′) ≤ T (max r before − max r
+   after): the second term of D pays for it.
 """
 
 from collections.abc import Callable, Mapping

@@ -2,7 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Singular directions of a level in the null space of those above, and the null space it leaves.
-// LAPACK of the reference is replaced by Householder reflections and one-sided Jacobi rotations.
+// Instead of LAPACK, J Z with m rows and k ≥ m columns is decomposed by Householder reflections with
+// pivoting, (J Z)ᵀ Π = H R. Then one-sided Jacobi: pairs of columns of Rᵀ are rotated until all are
+// orthogonal. Their lengths are the singular values, their directions Π U; the rotations, applied to
+// the first m columns of Z H, give Q. With m > k, Jacobi works on J Z itself. Pairs (p, q) come in
+// the order of (p + q) mod k: those of one value have no column in common.
 // Reference: tp_controller/solver/null_space.py
 
 #pragma once

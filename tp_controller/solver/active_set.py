@@ -4,8 +4,15 @@
 """
 Projection onto a polytope by the dual active-set method of Goldfarb and Idnani (1983).
 
-Starting from the point itself, each iteration activates the most violated bound and drops the
-bounds whose multipliers would become negative. The normals of the active bounds are Q R.
+Starting from the point p itself, the row that is violated most, measured in rows of length 1,
+becomes active; a row whose multiplier reaches zero on the way is dropped. With the active normals
+N = Q R and the new normal n ::
+
+    N e + r = n,   r ⊥ N        z ← z − t r,   λ ← λ − t e
+
+t is the smaller of the full step, violation / ‖r‖², and the step at which a multiplier is zero. If
+r is zero and no multiplier falls, the polytope is empty. At the end z and λ are computed once more
+from the active rows alone, z = Q y + (1 − Q Qᵀ) p with Rᵀ y = b, against rounding.
 """
 
 import math
