@@ -4,7 +4,7 @@
 """Scene of a lesson: a question, the runs that answer it, their checks, plot and film."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from textwrap import fill
@@ -115,7 +115,7 @@ class Scene:
     moving: bool = False
     active: tuple[str, ...] = ()
     captions: tuple[tuple[float, str], ...] = ()
-    look: Look = field(default=Look())
+    look: Look = Look()
 
     def runs(self) -> dict[str, Run]:
         """Return the run of each variant."""
@@ -203,12 +203,13 @@ def _figures(name: str, scene: Scene, folder: Path, runs: Mapping[str, Run],
              curves: Mapping[str, Mapping[str, Array]]) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     first = next(iter(runs.values()))
+    # A single variant needs no legend.
+    named = {variant: variant * (len(runs) > 1) for variant in runs}
     yield plot_bounds(
         folder / f'{name}.png', first.times,
         [BoundedCurves(f'{label} [{curve.unit}]',
-                       curves[label] if len(runs) > 1 else {'': curves[label][only]},
-                       curve.lower, curve.upper)
-         for only in list(runs)[:1] for label, curve in scene.curves.items()],
+                       {named[variant]: values for variant, values in curves[label].items()},
+                       curve.lower, curve.upper) for label, curve in scene.curves.items()],
         title=scene.title, active={task: first.active(task) for task in scene.active})
     yield from films(folder / f'{name}.webp', Motion(
         scene.title, first.robot, first.times, first.q, first.stack, scene.look,

@@ -113,13 +113,14 @@ def weights() -> Scene:
     return Scene(
         'Vehicle and arm share the motion by weights',
         'A vehicle with an arm has many ways to bring its tool 0.4 m ahead. Who moves?',
-        'Whoever costs less: among the velocities that move the tool as demanded, the one with '
-        'the least sum of w q̇² is taken. The motion of the tool is the same with all weights.',
+        'The one that costs less: among the velocities that move the tool as demanded, the one '
+        'with the least sum of w q̇² is taken. The motion of the tool is the same with all '
+        'weights.',
         _mobile_robot, start, 8.0, lambda now: {'tool': goal},
         {f'{base:g} : {each:g}': Variant(MOBILE_STACK, Settings(
             weights=(base,) * 2 + (each,) * joints))
          for base, each in ((1.0, 1.0), (1.0, 10.0), (100.0, 1.0))},
-        {'way of the vehicle': Curve('m', lambda run: travel(run, slice(1))),
+        {'path of the vehicle': Curve('m', lambda run: travel(run, slice(1))),
          'turns of the arm joints, together': Curve('rad', lambda run: travel(
              run, slice(3, None))),
          'tool off its goal': Curve('mm', lambda run: 1e3 * run.errors['tool'])},
@@ -174,7 +175,7 @@ def sight(run: Run) -> Array:
 
 
 def travel(run: Run, columns: slice) -> Array:
-    """Return the way of some velocities of a run, up to each sample (T,) [m or rad]."""
+    """Return the path length of some velocities of a run at each sample (T,) [m or rad]."""
     return run.times[1] * np.cumsum(np.abs(run.velocities[:, columns]).sum(axis=1))
 
 
