@@ -25,6 +25,16 @@ Every package has a process of its own, and all read the same URDF. ``--only`` t
 - ``motions``: closed loops with an ideal robot at 100 Hz show how well the tasks are carried out.
   Goals of the second task come from another posture than those of the first, so the two contradict
   each other.
+
+Packages have the settings of their examples. Where these have no second frame, each task costs a
+tenth of the one before, as in the README of pink. tp_controller and embodik have their defaults,
+embodik once ``MIN_ERROR``. OInK has the values of its documentation; its orientations have all
+axes. pink has ``safety_break=False``, since DAQP takes joints 1e-6 rad beyond their limits. placo
+has ``scaled`` for the strict first task, since ``hard`` fails where it cannot be met; its tasks
+have no gain, so its goals are set a share of the way ahead in every cycle, which is not timed.
+TSID solves for accelerations, with Kp = 2/s / period and Kd = 1 / period, so that a free task has
+the demanded velocity after one cycle; ``TaskJointPosVelAccBounds`` keeps the limits; its strict
+level is not used.
 """
 
 import argparse

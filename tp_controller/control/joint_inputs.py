@@ -71,7 +71,7 @@ class JointInputs(TrajectoryInputs):
 
     @property
     def locked(self) -> Mapping[str, float]:
-        """Return {joint: time of its lock [s]}."""
+        """Return the times of the locks by joint [s]."""
         return MappingProxyType(self._locked)
 
     def check_joints(self, joints: Sequence[str]) -> None:
