@@ -140,7 +140,7 @@ def is_clear(case: Case) -> bool:
 # Measurements
 
 def velocity(levels: Sequence[Level], weights: np.ndarray | None) -> np.ndarray:
-    """Return the velocity (n,) of the package."""
+    """Return what the package answers, (n,)."""
     return solve(levels, weights=weights, scaling='redistribute').velocity
 
 
