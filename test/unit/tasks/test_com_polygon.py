@@ -46,6 +46,21 @@ def test_distances_are_those_of_the_centre_of_mass_from_the_edges(panda):
         np.testing.assert_allclose(task.error(state), outside)
 
 
+def test_jacobian_of_a_humanoid_is_the_derivative_with_its_floating_base():
+    robot, rng, h = robots.named('walker'), np.random.default_rng(0), 1e-6
+    task = ComPolygon(robot, 'task', contacts={'left_sole_link': SQUARE, 'right_sole_link': SQUARE,
+                                               'gripper_left_base_link': SQUARE[:1]})
+    zero = robot.configuration(np.zeros(len(robot.joint_names)))
+    for _ in range(4):
+        q = robot.integrate(zero, rng.uniform(-0.4, 0.4, robot.n), 1.0)
+        seen = task.observe_rows(robot.state(q))
+        for _ in range(5):
+            direction = rng.normal(size=robot.n)
+            after, before = (task.value(robot.state(robot.integrate(q, direction, step)))
+                             for step in (h, -h))
+            np.testing.assert_allclose(seen.J @ direction, (after - before) / (2 * h), atol=1e-6)
+
+
 def test_direction_of_gravity_is_a_key(panda):
     state = panda.state(robots.PANDA_READY)
     for up, kept in (('z', [0, 1]), ('-x', [1, 2]), ([0.0, 3.0, 0.0], [0, 2])):
@@ -92,6 +107,22 @@ def test_goal_far_in_front_is_missed_at_the_margin(panda):
     assert least.min() > 0.02 - 1e-4 and least[-1] < 0.021
     assert balance.status == 'satisfied'
     assert tool.status == 'limited' and tool.reason.startswith('blocked by the bounds of balance')
+
+
+@pytest.mark.parametrize('back, front, inside', [(-0.5, -0.1, -0.15), (0.3, 0.6, 0.35)])
+def test_sketch_leads_from_the_plumb_line_to_the_nearest_place_inside(panda, back, front, inside):
+    # One metre below the root, behind the centre of mass or in front of it.
+    corners = [[front, 0.3, -1.0], [back, 0.3, -1.0], [back, -0.3, -1.0], [front, -0.3, -1.0]]
+    task = ComPolygon(panda, 'task', contacts={'panda_link0': corners}, margin=0.05)
+    state = panda.state(robots.PANDA_READY)
+    parts = {part.part: part for part in task.sketch(state)}
+    center = center_of_mass(panda, state)
+    np.testing.assert_allclose(parts['frame'].p, center)
+    np.testing.assert_allclose(parts['plumb'].points, [center, [*center[:2], -1.0]])
+    assert {tuple(point) for point in parts['polygon'].points} == set(map(tuple, corners))
+    np.testing.assert_array_equal(*parts['polygon'].points[[0, -1]])
+    np.testing.assert_allclose(parts['error'].start, [*center[:2], -1.0])
+    np.testing.assert_allclose(parts['error'].end, [inside, center[1], -1.0], atol=1e-12)
 
 
 def test_inverse_kinematics_keeps_the_centre_of_mass_above_the_polygon(panda):

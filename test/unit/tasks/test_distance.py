@@ -70,3 +70,16 @@ def test_frame_passes_through_the_point_inside_of_a_largest_distance():
             ways.append(robot.state(q).position(TOOL) - place)
     assert ways[-1] == pytest.approx([0.0, 0.15, 0.0], abs=1e-3)
     assert np.linalg.norm(ways, axis=1).max() < 0.2
+
+
+def test_goal_is_a_point_of_any_frame():
+    robot = robots.panda()
+    q = np.array(robots.PANDA_READY)
+    stack = Stack.from_yaml(f'- span: {{type: distance, frame: {TOOL}, reference: {ELBOW}, '
+                            'maximum: 0.5}\n', robot)
+    controller, state = Controller(robot, stack, Settings(period=0.01)), robot.state(q)
+    controller.update(q, 0.0)
+    controller.set_goal('span', [0.3, 0.2, 0.1], 0.0, frame='panda_link2')
+    point = (state.pose('panda_link2') @ [0.3, 0.2, 0.1, 1.0])[:3]
+    assert stack.tasks['span'].value(state) == pytest.approx(
+        [np.linalg.norm(state.position(TOOL) - point)])

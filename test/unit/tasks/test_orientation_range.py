@@ -42,6 +42,19 @@ def test_goal_at_the_start_is_the_orientation_there():
     np.testing.assert_allclose(task.goal_pose(state), state.pose(TOOL), atol=1e-12)
 
 
+def test_turn_stays_continuous_past_half_a_turn():
+    robot = robots.panda()
+    task = OrientationRange(robot, 'task', frame=TOOL, axes='z', maximum=0.3)
+    state = robot.state(robots.PANDA_READY)
+    turns = []
+    for angle in (np.pi - 0.02, np.pi + 0.02):
+        turn = Rotation.from_rotvec([0.0, 0.0, -angle]).as_matrix()
+        # Not as a new goal, which is approached the shorter way.
+        task.goal = state.rotation(TOOL) @ turn
+        turns.append(task.value(state)[0])
+    np.testing.assert_allclose(turns, [np.pi - 0.02, np.pi + 0.02], atol=1e-6)
+
+
 @pytest.mark.parametrize('noise', [0.0, 1e-4])
 def test_frame_half_a_turn_away_comes_back_the_way_it_began(noise):
     robot, rng = robots.panda(), np.random.default_rng(1)

@@ -223,6 +223,12 @@ class DraggableRim(DraggableKey):
         return min(max(math.atan2(math.hypot(x, y), z), MIN_HALF_ANGLE), MAX_HALF_ANGLE)
 
 
+class DraggableTilt(DraggableRim):
+    """Point on the rim of the cone that an axis stays in; it sets its half angle."""
+
+    key = 'within'
+
+
 class DraggableGap(DraggableKey):
     """Point at the minimum distance from one of two objects, on the line between them."""
 
@@ -287,8 +293,9 @@ def _goal(task: str, part: str, marker: Marker, kind: type | None) -> Draggable 
 
 
 def _rim(task: str, marker: Marker, numbers: Mapping[str, float]) -> Draggable | None:
-    """Return a point on the rim of a cone of view; None if its width shows an error."""
-    value = numbers.get(DraggableRim.key)
+    """Return a point on the rim of a cone; None if its width shows an error."""
+    kind = DraggableTilt if DraggableTilt.key in numbers else DraggableRim
+    value = numbers.get(kind.key)
     if value is None or len(marker.points) < 2:
         return None
     T, rim = pose_of(marker), marker.points[1]
@@ -297,8 +304,7 @@ def _rim(task: str, marker: Marker, numbers: Mapping[str, float]) -> Draggable |
     turn = np.array([[math.cos(angle), 0.0, math.sin(angle)], [0.0, 1.0, 0.0],
                      [-math.sin(angle), 0.0, math.cos(angle)]])
     p = T[:3, 3] + T[:3, :3].dot((rim.x, rim.y, rim.z))
-    return DraggableRim(task, marker.ns, CONES, marker, pose(T[:3, :3].dot(turn), p), ALONG_X,
-                        value)
+    return kind(task, marker.ns, CONES, marker, pose(T[:3, :3].dot(turn), p), ALONG_X, value)
 
 
 def _gap(task: str, marker: Marker, numbers: Mapping[str, float]) -> Draggable | None:

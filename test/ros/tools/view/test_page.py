@@ -532,9 +532,9 @@ def key_set(place, T):
 
 
 @pytest.mark.parametrize('opening', [0.2, 1.4, 2.5])
-def test_rim_of_a_cone_is_dragged_to_another_opening(opening):
-    place, = draggables_of(drawn(Cone('cone', T, opening, 0.5)), {},
-                           {'task': {'half_angle': opening}})
+@pytest.mark.parametrize('key', ['half_angle', 'within'])
+def test_rim_of_a_cone_is_dragged_to_another_opening(opening, key):
+    place, = draggables_of(drawn(Cone('cone', T, opening, 0.5)), {}, {'task': {key: opening}})
     tip, axis = T[:3, 3], T[:3, 2]
 
     def angle(p):
@@ -547,7 +547,7 @@ def test_rim_of_a_cone_is_dragged_to_another_opening(opening):
     # Along its x axis, which is at right angles to the surface.
     outside = pose(place.T[:3, :3], rim + 0.05 * place.T[:3, 0])
     assert angle(outside[:3, 3]) == pytest.approx(opening + np.arctan(0.1))
-    assert key_set(place, outside) == ('half_angle', round(opening + np.arctan(0.1), 4))
+    assert key_set(place, outside) == (key, round(opening + np.arctan(0.1), 4))
     ahead, behind = (key_set(place, pose(np.eye(3), tip + way * axis)) for way in (1.0, -1.0))
     assert 0.0 < ahead[1] < 0.02 and np.pi - 0.02 < behind[1] < np.pi
 
