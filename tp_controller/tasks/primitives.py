@@ -36,7 +36,7 @@ ALLOWED, FORBIDDEN = 'allowed', 'forbidden'
 COLOURS: Mapping[str, Rgba] = {
     'goal': ORANGE, 'frame': BLUE, 'error': ORANGE, 'turn': ORANGE, 'axis': BLUE, 'sight': GREY,
     'reference': GREY, 'cone': (0.2, 0.6, 1.0, 0.25), 'sphere': (0.2, 0.6, 1.0, 0.25),
-    'range': BLUE, 'polygon': (0.2, 0.8, 0.3, 1.0),
+    'range': BLUE, 'region/minimum': (0.9, 0.3, 0.15, 0.2), 'polygon': (0.2, 0.8, 0.3, 1.0),
     ALLOWED: (0.2, 0.8, 0.3, 0.2), FORBIDDEN: (0.9, 0.3, 0.15, 0.45)}
 AXIS_COLOURS: tuple[Rgba, ...] = ((0.9, 0.1, 0.1, 1.0), (0.1, 0.7, 0.1, 1.0),
                                   (0.2, 0.3, 0.95, 1.0))
