@@ -563,7 +563,7 @@ def faults():
 
 
 REGIONS = {
-    'tasks': tasks, 'settings': settings, 'check report': check_report, 'commands': commands,
+    'tasks': tasks, 'settings': settings, 'commands': commands,
     'classes': classes,
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
     'goal forms': goal_forms,
@@ -596,7 +596,14 @@ def command_line_page():
     return '# The command line\n\n' + '\n'.join(commands + files)
 
 
-SITE_PAGES = {'messages': messages_page, 'command_line': command_line_page}
+def check_report_page():
+    """Return the page of the fields of the report of a check."""
+    return ('# The report of a check\n\nThe parts of the report of `tp_controller check --json` '
+            'with their fields.\n\n' + check_report())
+
+
+SITE_PAGES = {'messages': messages_page, 'command_line': command_line_page,
+              'check_report': check_report_page}
 
 
 def write_site_pages(folder):

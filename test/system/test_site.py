@@ -39,7 +39,8 @@ def test_site_builds_without_a_warning(tmp_path):
     assert 'id="tp_controller.Controller.update"' in (tmp_path / 'reference.html').read_text(
         encoding='utf-8')
     for name, text in (('messages', 'blocked by the bounds of {}'),
-                       ('command_line', '$ tp_controller check --help')):
+                       ('command_line', '$ tp_controller check --help'),
+                       ('check_report', 'findings, the worst first')):
         page = (tmp_path / 'generated' / f'{name}.html').read_text(encoding='utf-8')
         assert text in re.sub('<[^>]*>', '', page)
 
@@ -61,7 +62,7 @@ def write_first_page(folder, text):
     """Write the first page."""
     (folder / 'index.md').write_text(
         f'# Site\n\n{text}\n\n```{{toctree}}\nreference\nchangelog\ngenerated/messages\n'
-        'generated/command_line\n```\n', encoding='utf-8')
+        'generated/command_line\ngenerated/check_report\n```\n', encoding='utf-8')
 
 
 def test_site_builds_in_another_folder(elsewhere, tmp_path):

@@ -217,7 +217,8 @@ def test_pages_of_the_site_only_have_all_messages_and_the_help_of_all_commands(g
     generate.write_site_pages(tmp_path / 'pages')
     texts = {path.stem: path.read_text(encoding='utf-8')
              for path in (tmp_path / 'pages').iterdir()}
-    assert set(texts) == {'messages', 'command_line'}
+    assert set(texts) == {'messages', 'command_line', 'check_report'}
+    assert generate.check_report() in texts['check_report']
     assert generate.messages() in texts['messages']
     for name, command in COMMANDS.items():
         assert f'\n$ tp_controller {name} --help\n' in texts['command_line']
