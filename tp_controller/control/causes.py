@@ -44,10 +44,10 @@ NEAR_SINGULAR, IMMOVABLE = 0.1, 1e-5
 TASK, BOUNDS = 'task', 'bounds'
 SINGULARITY, IMPOSSIBLE = 'singularity', 'impossible'
 DAMPING, CURVED, ACCELERATING = 'damping', 'curvature', 'accelerating'
-LOCK = 'lock'
+LOCK, JOINTS = 'lock', 'joints'
 # Kinds of causes, in the order of causes.h.
 KINDS = (*[limit.name for limit in LIMITS], RESERVE, TASK, BOUNDS, SINGULARITY, IMPOSSIBLE,
-         DAMPING, CURVED, ACCELERATING)
+         DAMPING, CURVED, ACCELERATING, JOINTS)
 # Kind, index of the joint or task or −1, and share of the causes of each task.
 FoundCauses: TypeAlias = tuple[tuple[tuple[int, int, float], ...], ...]
 # Kind and index of each of the causes that block a task together.
@@ -63,13 +63,13 @@ class Cause(NamedTuple):
     kind : str
         ``velocity limit``, ``lower position limit``, ``upper position limit`` or ``reserve`` of
         a joint; ``task`` or ``bounds``: another task that takes the directions, or whose bounds
-        block it; ``singularity``: a direction in which the robot can hardly move here;
-        ``impossible``: one in which it cannot move; ``lock`` of a joint; ``damping``;
-        ``curvature``: damping that
-        keeps the robot from oscillating; ``accelerating``: joints that are about to move faster;
-        ``transition``: a change that is still being blended in.
+        block it; ``joints``: those that the task, or one above, may move; ``singularity``: a
+        direction in which the robot can hardly move here; ``impossible``: one in which it cannot
+        move; ``lock`` of a joint; ``damping``; ``curvature``: damping that keeps the robot from
+        oscillating; ``accelerating``: joints that are about to move faster; ``transition``: a
+        change that is still being blended in.
     name : str
-        Joint or task; else empty.
+        Joint or task; else empty, also for the joints of the task itself.
     share : float
         Share of the residual that would disappear without this cause alone, in (0, 1].
 
@@ -250,6 +250,7 @@ class Causes:
                                        *self._others(evaluation)]
         for each in candidates:
             yield *self.kind_and_name(each), lasting - missing(level, variants.without([each]))
+        yield from self._masked(evaluation, level, lasting)
         if self._is_damped(index):
             yield DAMPING, '', lasting - missing(level, variants.undamped)
         yield from self._singular(evaluation, lasting)
@@ -276,6 +277,15 @@ class Causes:
                 break
             coupled = found
         return [each for each in others if _moves(each)[:, coupled].any()]
+
+    def _masked(self, evaluation: Evaluation, level: Level, lasting: float
+                ) -> Iterator[tuple[str, str, float]]:
+        """Yield the candidates for joints that the level of a task, or one above, may move."""
+        own = self.variants.level_index(evaluation)
+        for index, group in enumerate(self._evaluations[:own + 1]):
+            if group[0].level.joints is not None:
+                yield JOINTS, '' if index == own else group[0].task.name, lasting - missing(
+                    level, self.variants.with_all_joints(index))
 
     def _passing(self, level: Level, now: float, lasting: float
                  ) -> Iterator[tuple[str, str, float]]:

@@ -17,6 +17,7 @@ from tp_controller.control.causes import (
     DAMPING,
     IMMOVABLE,
     IMPOSSIBLE,
+    JOINTS,
     LOCK,
     missing,
     NOTABLE_SHARE,
@@ -204,6 +205,9 @@ class _Adviser:
             yield Proposal(text, setup.in_middle(setup.robot.joint_names))
         elif kind == IMPOSSIBLE:
             yield from self._without_axes()
+        elif kind == JOINTS:
+            name = cause.name or self._own
+            yield Proposal(f'let {name} use all joints', setup.with_all_joints(name))
         elif kind == CURVED:
             yield from self._lower_gain()
 

@@ -16,6 +16,7 @@ from tp_controller.control.causes import (
     CURVED,
     DAMPING,
     IMPOSSIBLE,
+    JOINTS,
     LOCK,
     NOTABLE_SHARE,
     SINGULARITY,
@@ -24,6 +25,8 @@ from tp_controller.control.causes import (
 from tp_controller.control.cycle import TRANSITION
 from tp_controller.control.units import with_unit
 from tp_controller.control.velocity_limits import LIMITS, RESERVE
+from tp_controller.model.robot import Robot
+from tp_controller.solver.level import Mask
 from tp_controller.tasks.bounded import out_of_reach, STILL
 from tp_controller.tasks.task import Evaluation
 
@@ -45,6 +48,7 @@ SENTENCES = {
     DAMPING: 'slowed by damping',
     CURVED: 'damped so that it does not oscillate',
     ACCELERATING: 'accelerating',
+    JOINTS: '{} uses some joints only',
     TRANSITION: 'a change is still being blended in',
 }
 SEVERAL = 'blocked by several causes together'
@@ -104,7 +108,7 @@ def statements(evaluation: Evaluation, errors: Sequence[tuple[float, str, float]
 
 def phrase(kind: str, name: str) -> str:
     """Return the phrase for a cause alone, such as the active limit of a joint."""
-    return SENTENCES[kind].format(name)
+    return SENTENCES[kind].format(name).strip()
 
 
 def suffice(found: Sequence[Cause]) -> bool:
@@ -151,9 +155,22 @@ def _sentence(cause: Cause, evaluation: Evaluation, causes: Causes) -> str:
     """Return the sentence for a cause, with what it does not say by itself."""
     rows = causes.blocking_rows(evaluation, cause.name) if cause.kind == BOUNDS else []
     remark = f' ({", ".join(rows[:NAMES_PER_REASON])})' if rows else ''
+    joints = evaluation.level.joints
+    if cause.kind == JOINTS and not cause.name and joints is not None:
+        return _joints_of(evaluation.task.robot, joints)
     if cause.kind in LIMIT_KINDS and causes.slows_all:
         remark = ', which slows all tasks'
     return _alone(cause.kind, cause.name, causes) + remark
+
+
+def _joints_of(robot: Robot, joints: Mask) -> str:
+    """Return the sentence for the joints (n,) that a task may move."""
+    used = [robot.velocity_names[joint] for joint in np.flatnonzero(joints)]
+    others = [name for name in robot.velocity_names if name not in used]
+    chosen, verb, end = (used, 'uses', ' only') if len(used) <= len(others) \
+        else (others, 'does not use', '')
+    group = next((name for name, names in robot.groups.items() if set(names) == set(chosen)), '')
+    return f'{verb} {group or listed(chosen)}{end}'
 
 
 def _alone(kind: str, name: str, causes: Causes) -> str:

@@ -15,6 +15,7 @@ from tp_controller.control.causes import (
     Causes,
     DEMAND_ROUNDING,
     FoundCauses,
+    JOINTS,
     kind_of_limit,
     KINDS,
     TASK,
@@ -268,6 +269,6 @@ class ReportedCycle(MeasuredCycle):
         """Return kind and name of a cause; the name is empty where it has none."""
         if place < 0:
             return kind, ''
-        if kind in (TASK, BOUNDS):
+        if kind in (TASK, BOUNDS, JOINTS):
             return kind, self._tasks[place].name
         return kind_of_limit(kind, self._robot.velocity_names[place], self._solved.options.locked)

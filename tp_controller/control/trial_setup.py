@@ -94,6 +94,14 @@ class Setup(NamedTuple):
         task.set_gain(gain)
         return self._with({name: task})
 
+    def with_all_joints(self, name: str) -> 'Setup':
+        """Return the setup with a task, and those on its level, that may move all joints."""
+        group = next(group for group in self.groups if any(task.name == name for task in group))
+        free = {task.name: task.probe() for task in group}
+        for task in free.values():
+            task.joint_mask = None
+        return self._with(free)
+
     def with_part(self, name: str, U: Array) -> 'Setup':
         """Return the setup with a task that demands nothing but the directions U (m, k)."""
         task = self.tasks[name].probe()

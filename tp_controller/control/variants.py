@@ -133,6 +133,15 @@ class Variants:
                 memory=tuple([self.cycle.memory[index] for index in kept]))).velocity
         return self._found[key]
 
+    def with_all_joints(self, index: int) -> Array:
+        """Return the velocities (n,) with a level that may move all joints."""
+        key = 'joints', index
+        if key not in self._found:
+            levels = list(self.cycle.levels)
+            levels[index] = replace(levels[index], joints=None)
+            self._found[key] = settled(self.cycle._replace(levels=levels)).velocity
+        return self._found[key]
+
     def cycle_without(self, removed: Sequence[Removable]) -> Cycle:
         """Return the cycle without the joint limits and locks among removed candidates."""
         cycle = self.cycle

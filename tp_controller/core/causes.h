@@ -16,7 +16,8 @@ constexpr double SIGNIFICANT_SHARE = 0.01, NOTABLE_SHARE = 0.1, NEAR_SINGULAR = 
 
 // Kinds of causes that follow those of limits, whose numbers are the places of their bits.
 enum CauseKind {
-  BY_TASK = 6, BY_BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING, CURVED, ACCELERATING
+  BY_TASK = 6, BY_BOUNDS, SINGULARITY, IMPOSSIBLE, DAMPING, CURVED, ACCELERATING,
+  BY_JOINTS
 };
 
 // `index`: the joint or task that it names.
@@ -46,6 +47,7 @@ class Causes {
       for (const Removable &each : candidates)
         add_cause(kind_of(each), index_of(each),
                   lasting - missing(level, variants_.without({each})));
+    consider_masks(part, level, lasting);
     if (is_damped(part.level))
       add_cause(DAMPING, -1, lasting - missing(level, variants_.undamped()));
     consider_singular(part, level, lasting);
@@ -227,6 +229,18 @@ class Causes {
   unsigned holding(int j, bool up, double bound, const Removed &removed) const {
     return limits_.holding(cycle_.motion, cycle_.gain, size_t(j), up, bound,
                            Variants::bits(j, removed));
+  }
+
+  // The joints that the level of a task, or one above, may move.
+  void consider_masks(const Part &own, const Level &level, double lasting) {
+    size_t above = cycle_.levels.size();
+    for (size_t task = 0; task < cycle_.parts.size() && cycle_.parts[task].level <= own.level; ++task) {
+      const size_t l = cycle_.parts[task].level;
+      if (l != above && cycle_.levels[l].joints)
+        add_cause(BY_JOINTS, l == own.level ? -1 : int(task),
+                  lasting - missing(level, variants_.with_all_joints(l)));
+      above = l;
+    }
   }
 
   // The candidates that disappear by themselves, one after the other.

@@ -26,6 +26,15 @@ struct Point {
   }
 };
 
+// The squared norm of an error (m,) of a level, with its weights.
+double cost(const Level &level, const double *error, Arena &arena) {
+  if (!level.weights) return dot(error, error, level.m);
+  const double *root = level.root(arena);
+  double sum = 0.0;
+  for (int i = 0; i < level.m; ++i) sum += root[i] * error[i] * (root[i] * error[i]);
+  return sum;
+}
+
 class PositionStack {
  public:
   // `limits` of the positions.
@@ -87,7 +96,8 @@ class PositionStack {
     const Level &level = point.levels.back();
     const double *error = level.bounded ? evaluations_[0].error : level.v;
     point.errors.push_back(error);
-    point.costs.push_back(is_objective(point.costs.size()) ? 0.0 : dot(error, error, level.m));
+    point.costs.push_back(is_objective(point.costs.size()) ? 0.0
+                              : cost(level, error, point.arena));
   }
 
   // The placement of a base, x, y, z and a quaternion, from its coordinates; false where it is fixed.
@@ -152,7 +162,7 @@ class PositionStack {
 // The cost of a level after a change of the positions, if J were constant.
 double linear_cost(const Level &level, const double *error, const double *step, Arena &arena) {
   Arena::Frame frame(arena);
-  double *moved = arena.take(size_t(level.m)), sum = 0.0;
+  double *moved = arena.take(size_t(level.m));
   level.times(step, moved);
   for (int i = 0; i < level.m; ++i) {
     double left = error[i] - moved[i];
@@ -162,9 +172,9 @@ double linear_cost(const Level &level, const double *error, const double *step, 
       const double upper = error[i] < 0.0 ? error[i] : level.upper[i];
       left = std::min(std::max(moved[i], lower), upper) - moved[i];
     }
-    sum += left * left;
+    moved[i] = left;
   }
-  return sum;
+  return cost(level, moved, arena);
 }
 
 }  // namespace

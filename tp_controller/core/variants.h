@@ -120,6 +120,14 @@ class Variants {
     return without_.back().second;
   }
 
+  // With a level that may move all joints.
+  const double *with_all_joints(size_t l) {
+    Variant variant = variant_without({});
+    note_change(variant, l);
+    variant.levels[l].joints = nullptr;
+    return velocity(settling_, variant, l);
+  }
+
   // The bound of a joint from above, or from below, without some limits.
   double bound(int j, bool up, const Removed &removed) const {
     const Interval box = limits_.at(cycle_.motion, cycle_.gain, size_t(j), bits(j, removed));
@@ -179,6 +187,8 @@ class Variants {
 
   // Levels below one whose demands change are decomposed anew.
   void note_change(Variant &variant, size_t index) const {
+    // The fast path solves no level with a mask.
+    if (cycle_.levels[index].joints) variant.same = false;
     if (cycle_.levels[index].bounded) return;
     size_t above = 0;
     for (size_t l = 0; l < index; ++l) above += !cycle_.levels[l].bounded;

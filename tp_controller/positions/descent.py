@@ -16,6 +16,7 @@ above alone lead back to them (a second-order correction, ibid. 18.3).
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
@@ -23,7 +24,6 @@ import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.positions.position_stack import linear_cost, Point, PositionStack
-from tp_controller.solver.level import Level
 from tp_controller.solver.solve import PrioritySolver, solve_cycle
 
 # Cost up to which a level is met: an error of 3e-7 m or rad.
@@ -148,7 +148,7 @@ class Descent:
             if largest == 0.0:
                 break
             # The slope tells the direction, the region the length.
-            point.levels[level] = Level.of_joints(slope * (radius / largest))
+            point.levels[level] = replace(point.levels[level], v=slope * (radius / largest))
             step = self._step(point, level + 1, radius)
             rise, length = float(slope.dot(step)), float(np.abs(step).max())
             if length < LEAST_RADIUS or rise <= LEAST_SLOPE * largest * length:

@@ -34,7 +34,8 @@ class Point(NamedTuple):
     errors : list of ndarray
         Error of each level: its demand, or the distance back to its bounds.
     costs : list of float
-        Squared norms of these, 0 where a level is met; 0 for objectives.
+        Squared norms of these, with the weights of the rows, 0 where a level is met; 0 for
+        objectives.
 
     """
 
@@ -99,8 +100,8 @@ class PositionStack:
         errors = [_violation(group) if level.v is None else level.v
                   for level, group in zip(levels, evaluations)]
         return Point(state.q, state.positions, evaluations, levels, errors,
-                     [0.0 if objective else float(error.dot(error))
-                      for error, objective in zip(errors, self.objectives)])
+                     [0.0 if objective else cost(level, error)
+                      for level, error, objective in zip(levels, errors, self.objectives)])
 
     def within_limits(self, q: Array) -> Array:
         """Return the configuration (nq,) within the position limits that is nearest to q."""
@@ -119,6 +120,13 @@ def _violation(evaluations: Sequence[Evaluation]) -> Array:
         else np.concatenate([each.error for each in evaluations])
 
 
+def cost(level: Level, error: Array) -> float:
+    """Return the squared norm of an error (m,) of a level, with its weights."""
+    if level.weights is not None:
+        error = level.root * error
+    return float(error.dot(error))
+
+
 def linear_cost(level: Level, error: Array, step: Array) -> float:
     """Return the cost of a level after a change (n,) of the positions, if J were constant."""
     moved = level.J.dot(step)
@@ -129,4 +137,4 @@ def linear_cost(level: Level, error: Array, step: Array) -> float:
         lower = np.where(error > 0.0, error, level.lower)
         upper = np.where(error < 0.0, error, level.upper)
         left = np.minimum(np.maximum(moved, lower), upper) - moved
-    return float(left.dot(left))
+    return cost(level, left)
