@@ -23,7 +23,8 @@ FOLDER = Path(__file__).resolve().parent / 'images'
 # {demo: films of it that the pages show}
 FILMS = {
     'panda': ['film'], 'mobile': ['film'], 'underwater': ['film'], 'two_arms': ['film'],
-    'drill': ['drill'], 'lab1': ['lab1'], 'lab2': ['lab2_end_effector_first'],
+    'drill': ['drill'], 'failed_joint': ['failed_joint'], 'lab1': ['lab1'],
+    'lab2': ['lab2_end_effector_first'],
     **{name: [name] for name in ('camera', 'bounds', 'weights', 'forms')},
 }
 

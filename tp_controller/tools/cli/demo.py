@@ -27,6 +27,7 @@ DEMOS = {
     'underwater': 'a vehicle with an arm works on a panel',
     'two_arms': 'two hands carry one object',
     'drill': 'drilling, five rows, above inequality tasks',
+    'failed_joint': 'a joint fails in motion, the tool arrives all the same',
     'lab1': 'null-space motion',
     'lab2': 'two tasks in both orders',
     'camera': 'a camera on five joints',
@@ -101,13 +102,15 @@ def _simulate(name: str, folder: Path, seed: int) -> 'Outcome':
     """Return the outcome of a demo without ROS."""
     # Imported here: the figures take a second to import, and goals do not need them.
     from tp_controller.tools.demos.drill import drill
+    from tp_controller.tools.demos.failed_joint import failed_joint
     from tp_controller.tools.demos.lab import lab1, lab2
     from tp_controller.tools.demos.scene import play
     from tp_controller.tools.demos.scenes import SCENES
     if name in SCENES:
         return play(name, SCENES[name](), folder)
-    return drill(folder) if name == 'drill' else lab1(folder) if name == 'lab1' \
-        else lab2(folder, seed)
+    if name == 'lab2':
+        return lab2(folder, seed)
+    return {'drill': drill, 'failed_joint': failed_joint, 'lab1': lab1}[name](folder)
 
 
 def _demo(text: str) -> str:

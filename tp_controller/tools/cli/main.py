@@ -34,6 +34,7 @@ examples:
   tp_controller demo                     a 7-DoF arm carries out a stack of tasks, over ROS 2
   tp_controller demo mobile              an arm on wheels carries a tray past obstacles
   tp_controller demo drill               drilling, with lower tasks in the null space
+  tp_controller demo failed_joint        a joint fails in motion, the tool arrives all the same
   tp_controller demo lab1                motion in the null space of a planar arm, no ROS needed
   tp_controller goal tool --xyz 0.4 0.2 0.5 --rpy 180 0 0 --deg
   tp_controller goal --help              how to send goals of every kind

@@ -40,7 +40,7 @@ DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwate
 # Timeout of the response to a goal, on a busy machine [s].
 GOAL_RESPONSE_SECONDS = 120.0
 # Demos of `tp_controller demo` without nodes.
-WITHOUT_NODES = ('drill', 'lab1', 'lab2', 'weights', 'forms')
+WITHOUT_NODES = ('drill', 'failed_joint', 'lab1', 'lab2', 'weights', 'forms')
 # Variables that connect another terminal to the nodes of a demo.
 DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 # Keys of a goal in a file that are also options of `tp_controller goal`.
