@@ -5,7 +5,7 @@
 
 from collections import Counter
 
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, QuaternionStamped, Vector3Stamped
 from harness import Arm, JOINTS, Status
 import numpy as np
 import pytest
@@ -213,6 +213,26 @@ def only(rig, name):
 def angles(points, axis):
     """Return the angles of rows (k, 3) with an axis (3,) [rad]."""
     return np.arccos(np.clip(points @ axis / np.linalg.norm(points, axis=1), -1.0, 1.0))
+
+
+def test_goals_of_bounds_arrive_in_frames_of_the_robot(harness):
+    rig = Rig(harness, EVERYTHING, **PANDA)
+    rig.spin_until(lambda: rig.status.head == 'running')
+    half = np.sqrt(0.5)
+    for task, kind, fields in (
+            ('upright', Vector3Stamped, {'xyz': (0.0, 2.0, 0.0)}),
+            ('span', PointStamped, {'xyz': (0.1, 0.2, 0.3)}),
+            ('range', QuaternionStamped, {'quat_xyzw': (half, 0.0, 0.0, half)})):
+        message = make_message(task, kind, fields)
+        message.header.frame_id = ELBOW
+        harness.publisher(kind, f'/tp_controller/{task}/goal').publish(message)
+        rig.spin_until(lambda task=task: rig.status.task(task)['goals accepted'] == '1')
+    drawn, T = rig.drawn(), rig.state.pose(ELBOW)
+    np.testing.assert_allclose(pose_of(drawn['upright/cone'][0])[:3, 2], T[:3, 1], atol=1e-9)
+    np.testing.assert_allclose(pose_of(drawn['span/goal'][0])[:3, 3],
+                               (T @ [0.1, 0.2, 0.3, 1.0])[:3], atol=1e-9)
+    turned = T[:3, :3] @ rotation_from_quaternion([half, 0.0, 0.0, half])
+    np.testing.assert_allclose(pose_of(drawn['range/goal'][0])[:3, :3], turned, atol=1e-9)
 
 
 def test_every_part_has_a_namespace_of_its_own(panda):
