@@ -100,7 +100,7 @@ $(STAMP): setup.py $(wildcard tp_controller/*/*.cpp tp_controller/*/*.h)
 
 $(VENV)/with_%: $(STAMP)
 	@echo '+ $(SIZE_$*) ...'
-	@$(PIP) -e '.[$*]' || { \
+	@TP_CONTROLLER_KEEP_CORE=1 $(PIP) -e '.[$*]' || { \
 	  echo 'The packages could not be installed. ROS wheels exist for Linux on x86_64, Python' \
 	       '3.10 to 3.14; elsewhere: make EXTRAS=test ...' >&2; exit 1; }
 	@touch $@

@@ -97,7 +97,8 @@ setup(
     version='0.3.0',
     packages=find_packages(exclude=['test*']),
     package_data={package_name: ['py.typed']},
-    ext_modules=extensions,
+    # An editable installation builds the core each time, which the Makefile does only once.
+    ext_modules=[] if 'TP_CONTROLLER_KEEP_CORE' in os.environ else extensions,
     options={'bdist_wheel': {'py_limited_api': 'cp311'}} if LIMITED else {},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
