@@ -169,6 +169,12 @@ def _capsules(drawn: Drawn) -> dict[str, Any]:
                     'radius': float(drawn.random.uniform(0.02, 0.06))} for frame in drawn.frames}
 
 
+def _contacts(drawn: Drawn) -> dict[str, Any]:
+    """Return the corners of a foot, fixed to one of the frames."""
+    x, y = drawn.random.uniform(0.1, 0.5, 2).tolist()
+    return {_frame(drawn): [[x, y, 0.0], [-x, y, 0.0], [-x, -y, 0.0], [x, -y, 0.0]]}
+
+
 def _joints(drawn: Drawn) -> list[str]:
     """Return the names of some joints."""
     count = drawn.random.integers(1, max(2, len(drawn.robot.joint_names) // 2))
@@ -208,8 +214,9 @@ def _one_of(*choices: Any) -> Any:
 # {key: what draws it}; those of `ALWAYS` even where they can be left out.
 KEYS = {
     'frame': _frame, 'reference': _frame, 'joints': _joints, 'shape': _shape,
-    'capsules': _capsules, 'minimum': _minimum, 'half_angle': _uniform(0.2, 1.0),
-    'linear': _uniform(0.02, 0.3), 'angular': _uniform(0.1, 1.0), 'margin': _uniform(0.0, 0.3),
+    'capsules': _capsules, 'contacts': _contacts, 'minimum': _minimum,
+    'half_angle': _uniform(0.2, 1.0), 'linear': _uniform(0.02, 0.3),
+    'angular': _uniform(0.1, 1.0), 'margin': _uniform(0.0, 0.3),
     'radius': _uniform(0.0, 0.05), 'distance': _uniform(0.0, 0.1), 'max_speed': _uniform(0.1, 1.0),
     'gain': _uniform(0.5, 5.0), 'mode': _one_of('least_squares', 'scale'),
     'axis': _one_of('x', '-y', 'z'), 'up': _one_of('x', '-y', 'z'),

@@ -255,6 +255,7 @@ SOUND = [
     *(of_config(name, 'planar', rate=60.0)
       for name in ('lab1', 'lab2_joint_first', 'lab2_end_effector_first')),
     of_config('drill_stack', 'panda', rate=100.0, runs=2, seconds=10.0),
+    of_config('failed_joint_stack', 'panda', rate=100.0, runs=2, seconds=10.0),
     # A pose of the tool, and what is left for a posture.
     sound('panda urdf', LIMITS, POSE, POSTURE, rate=200.0),
     sound('xarm7', LIMITS, POSE, POSTURE),

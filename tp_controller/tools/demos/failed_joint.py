@@ -1,7 +1,6 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 ``tp_controller demo failed_joint``: a joint of a 7-DoF arm fails in motion (lecture 1.1).
 
