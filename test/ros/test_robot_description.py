@@ -46,6 +46,14 @@ def test_a_xacro_is_expanded_with_its_arguments(harness, log, tmp_path, kind):
         harness.spin_until(lambda: f'{told}limits: {{elbow: {{velocity: 0.5}}}}' in log())
 
 
+def test_tasks_name_groups_of_joints(harness):
+    stack = '- tip: {type: position, frame: link3, axes: xy, joints: first}'
+    harness.make(ControllerNode, robot=str(PLANAR_DH), stack=stack, status_rate=50.0,
+                 groups='first: [joint1, joint2]')
+    status = Status(harness)
+    harness.spin_until(lambda: status.head == 'no joint states of joint1, joint2, joint3')
+
+
 def test_a_description_that_cannot_even_be_decoded_is_refused(harness, log):
     status, description = waiting_controller(harness)
     description.publish(String(data='<?xml version="1.0" encoding="foo"?><robot name="a"/>'))

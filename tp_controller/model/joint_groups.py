@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 from tp_controller.errors import RobotError, unknown
+from tp_controller.resources import load_yaml
 
-Groups: TypeAlias = Mapping[str, str | Sequence[str]]
+Groups: TypeAlias = Mapping[str, str | Sequence[str]] | str
 # Name of the group of the velocities of a moving base.
 BASE = 'base'
 
@@ -20,8 +21,8 @@ def joint_groups(groups: object, velocity_names: Sequence[str], base: Sequence[s
 
     Parameters
     ----------
-    groups : mapping
-        {name: names of velocities or of groups before it}.
+    groups : mapping or str
+        {name: names of velocities or of groups before it}, or that as YAML.
     velocity_names, base : sequence of str
         Names of all velocities, and of those of the base.
 
@@ -31,6 +32,11 @@ def joint_groups(groups: object, velocity_names: Sequence[str], base: Sequence[s
         A name is taken or unknown, or a group is empty.
 
     """
+    if isinstance(groups, str):
+        try:
+            groups = load_yaml(groups)
+        except ValueError as error:
+            raise RobotError(f'groups: {error}') from error
     if not isinstance(groups, Mapping):
         raise RobotError('groups need a mapping such as {arm: [joint1, joint2]}, '
                          f'not {groups!r}')

@@ -165,8 +165,8 @@ class Robot:
             Name of the frame that a base moves in.
         xacro_arguments : dict or list of str, optional
             ``{name: value}`` or ``['name:=value', …]``.
-        groups : dict, optional
-            ``{name: names}`` of joints, or groups before it, which tasks may name together.
+        groups : dict or str, optional
+            ``{name: names}`` of joints or groups before it, for tasks; or that as YAML.
 
         Raises
         ------

@@ -30,7 +30,14 @@ def test_group_has_joints_and_groups_before_it_each_once():
         assert velocities_of(names, robot.velocity_names, robot.groups) == expected
 
 
+def test_groups_may_be_yaml():
+    assert mobile('{arm: [arm_1, arm_2], all: [arm, base]}').groups == mobile(
+        {'arm': ['arm_1', 'arm_2'], 'all': ['arm', 'base']}).groups
+    assert mobile('').groups == mobile().groups
+
+
 @pytest.mark.parametrize('groups, message', [
+    ('arm: [arm_1', 'groups: not valid YAML'), ('[arm_1]', 'groups need a mapping'),
     ({'base': ['arm_1']}, 'neither base nor that of a joint'),
     ({'arm_1': ['arm_2']}, 'neither base nor that of a joint'),
     ({1: ['arm_2']}, 'neither base nor that of a joint'),

@@ -118,4 +118,6 @@ ROBOT = (
     Spec('base', 'fixed', f'how the base moves ({", ".join(BASES)})', fixed=True),
     Spec('world_frame', DEFAULT_WORLD, 'name of the frame that a base moves in, the one of its '
          'odometry', fixed=True),
+    Spec('groups', '', 'groups of joints that tasks name together, as YAML: '
+         '{arm: [joint1, joint2]}', fixed=True),
 )

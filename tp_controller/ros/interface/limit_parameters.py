@@ -154,7 +154,7 @@ def robot_from(limits: LimitParameters, values: Mapping[str, Any],
     def build(limits: Limits | None = None) -> Robot:
         options = {'joints': joints, 'limits': limits, 'base': values['base'],
                    'world_frame': values['world_frame'],
-                   'xacro_arguments': values['xacro_arguments']}
+                   'xacro_arguments': values['xacro_arguments'], 'groups': values['groups']}
         if values['robot']:
             return Robot.from_file(values['robot'], **options)
         if '<' not in urdf:

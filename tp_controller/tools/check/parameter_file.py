@@ -257,7 +257,7 @@ def _robot(given: Mapping[str, Any], simulated: Mapping[str, Any]) -> Robot:
     options: dict[str, Any] = {
         'joints': None if joints in (None, [], ['']) else joints, 'limits': limits or None,
         'base': given.get('base', simulated.get('base', 'fixed')),
-        'world_frame': given.get('world_frame', DEFAULT_WORLD)}
+        'world_frame': given.get('world_frame', DEFAULT_WORLD), 'groups': given.get('groups')}
     for values in (given, simulated):
         if values.get('robot'):
             return Robot.from_file(values['robot'], **options, xacro_arguments=given.get(

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from tp_controller.control.settings import Settings
 from tp_controller.errors import SettingsError
+from tp_controller.model.joint_groups import BASE
 from tp_controller.model.limits import BASE_LIMIT_KEYS, LIMIT_KEYS
 from tp_controller.model.mobile_base import DEFAULT_WORLD
 from tp_controller.model.robot import Robot
@@ -141,4 +142,5 @@ def _robot_arguments(robot: Robot) -> dict[str, Any]:
                      for key in (LIMIT_KEYS if name in robot.joint_names else BASE_LIMIT_KEYS)}
               for row, name in enumerate(robot.velocity_names)}
     return {'source': robot.urdf, 'base': robot.base, 'joints': list(robot.joint_names),
-            'limits': limits, 'world_frame': robot.root if robot.moves else DEFAULT_WORLD}
+            'limits': limits, 'world_frame': robot.root if robot.moves else DEFAULT_WORLD,
+            'groups': {name: list(names) for name, names in robot.groups.items() if name != BASE}}

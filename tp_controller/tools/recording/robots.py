@@ -34,7 +34,8 @@ def robot_of(history: History) -> Robot | None:
     options: dict[str, Any] = {
         'joints': _names(given.get('joints', ())), 'limits': _limits(given),
         'base': _text(given, 'base', 'fixed'),
-        'world_frame': _text(given, 'world_frame', DEFAULT_WORLD)}
+        'world_frame': _text(given, 'world_frame', DEFAULT_WORLD),
+        'groups': _text(given, 'groups')}
     own = f'/{history.node}/robot_description'
     urdf: str | None = history.descriptions.get(own) or _text(given, 'robot_description')
     if not urdf and _text(given, 'robot'):

@@ -283,7 +283,8 @@ class Link:
         self._robot_source = source
         options: dict[str, Any] = {
             'base': values['base'], 'world_frame': values['world_frame'],
-            'joints': names_in(values['joints']), 'limits': _limits(limits)}
+            'joints': names_in(values['joints']), 'limits': _limits(limits),
+            'groups': values['groups']}
         try:
             # The file may be on another machine; the published description is available here.
             robot = Robot.from_urdf(text, **options) if text \

@@ -181,6 +181,15 @@ ROBOT_XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
 """
 
 
+def test_groups_are_those_of_the_controller(file):
+    params = file(f'tp_controller: {{ros__parameters: {{robot: {PLANAR_DH}, '
+                  'groups: "{first: [joint1, joint2]}"}}')
+    stack = '- tip: {type: position, frame: link3, axes: xy, joints: first}'
+    given = read([params], stack, '', '', None)
+    assert given.robot.groups == {'first': ('joint1', 'joint2')}
+    assert given.stack.tasks['tip'].joint_mask.tolist() == [True, True, False]
+
+
 @pytest.mark.parametrize('node', ['tp_controller', 'tp_simulator'])
 def test_a_xacro_has_its_arguments(file, tmp_path, node):
     pytest.importorskip('xacro')

@@ -128,3 +128,9 @@ def test_a_stack_without_yaml_stays_in_one_process():
     assert check(robot, stack, samples=2, runs=0).samples == 2
     with pytest.raises(SettingsError, match='one job'):
         check(robot, stack, samples=2, runs=0, jobs=2)
+
+
+def test_a_plan_keeps_the_groups_of_joints():
+    robot = Robot.from_urdf(planar().urdf, groups={'first': ['joint1', 'joint2']})
+    stack = Stack.from_yaml('- tip: {type: position, frame: link3, joints: first}', robot)
+    assert Plan.of(setup_of(robot, stack)).build().robot.groups == robot.groups
