@@ -255,6 +255,7 @@ class BoundedHierarchy {
   const double *come_near(const double *origin, const Columns &Q, const double *step,
                           const double *s, int rank, double c) {
     const int k = Q.k;
+    if (k == 0) throw Unsolved();
     double *target = arena_.zeros(k), *stiffness = arena_.take(k), *start = arena_.take(k);
     double *demanded = arena_.copy(origin, n_), *off = arena_.take(n_);
     std::copy(step, step + rank, target);
