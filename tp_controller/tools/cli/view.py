@@ -18,6 +18,7 @@ from tp_controller.errors import TpControllerError
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.demo import DEMOS as ALL_DEMOS
 from tp_controller.tools.cli.demo import OUTPUTS
 from tp_controller.tools.demos.processes import (
     ended_by_sigterm,
@@ -40,7 +41,7 @@ DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwate
 # Timeout of the response to a goal, on a busy machine [s].
 GOAL_RESPONSE_SECONDS = 120.0
 # Demos of `tp_controller demo` without nodes.
-WITHOUT_NODES = ('drill', 'failed_joint', 'lab1', 'lab2', 'weights', 'forms')
+WITHOUT_NODES = tuple(name for name in ALL_DEMOS if name not in DEMOS)
 # Variables that connect another terminal to the nodes of a demo.
 DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 # Keys of a goal in a file that are also options of `tp_controller goal`.

@@ -10,15 +10,15 @@ computed with all joints, and with a controller that goes on to command the join
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tp_controller import Controller, KinematicSimulator, Robot, RobotState, Settings, Stack
+from tp_controller import Controller, Robot, RobotState, Settings, Stack
 from tp_controller.model.spatial import Array, rotation_from_rpy, rotation_vector
 from tp_controller.resources import package_share
 from tp_controller.tools.demos.motion import Look, Motion
 from tp_controller.tools.demos.outcome import films, Measurement, Outcome
+from tp_controller.tools.demos.simulation import Run, simulate
 from tp_controller.tools.plots.curves import plot_errors
 
 PERIOD = 0.01
@@ -26,6 +26,7 @@ START = (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.785)
 TOOL, JOINT = 'panda_hand_tcp', 'panda_joint3'
 # Time at which the joint fails, and time for each goal [s].
 FAILS, TIME_OF_A_GOAL = 0.8, 5.0
+STEPS_OF_A_GOAL = round(TIME_OF_A_GOAL / PERIOD)
 # Shift [m] and turn (roll, pitch, yaw) [rad] of each goal, from the first pose of the tool.
 TOOL_GOALS = (
     ((0.05, 0.35, 0.0), (0.2, 0.0, 0.4)), ((0.1, -0.1, -0.15), (0.0, -0.3, 0.0)),
@@ -37,48 +38,42 @@ VIEW = (-40.0, 25.0)
 WORKING, ONE_LOCKED, UNTOLD = 'all joints work', 'joint 3 locked', 'joint 3 commanded in vain'
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """Recorded run, one sample for each period."""
-
-    robot: Robot
-    stack: Stack
-    times: Array  # (T,) [s]
-    q: Array  # (T, n) [rad]
-    velocities: Array  # (T, n), commands [rad/s]
-    errors: Array  # (T, 2), of position [mm] and orientation [°]
-    goals: Sequence[Array]  # poses (4, 4) in the root
-
-    @property
-    def last(self) -> Array:
-        """Return the errors (goals, 2) at the end of the time for each goal [mm, °]."""
-        return self.errors[round(TIME_OF_A_GOAL / PERIOD) - 1::round(TIME_OF_A_GOAL / PERIOD)]
-
-
-def record(case: str) -> Recording:
-    """Return the record of a run of one of the three cases."""
+def record(case: str) -> Run:
+    """Return the run of one of the three cases."""
     config = package_share() / 'config'
     robot = Robot.from_file(config / 'robots' / 'panda.yaml')
     stack = Stack.from_yaml(config / 'failed_joint_stack.yaml', robot)
     controller = Controller(robot, stack, Settings(period=PERIOD))
-    simulator = KinematicSimulator(robot, START)
-    goals = [_goal(robot.state(START), shift, turn) for shift, turn in TOOL_GOALS]
-    broken, count, rows = robot.joint_index(JOINT), round(TIME_OF_A_GOAL / PERIOD), []
-    for step in range(len(goals) * count):
-        now, goal = step * PERIOD, goals[step // count]
-        if step % count == 0:
-            controller.set_goal('tool', goal, now)
+    goals, broken = goals_of(robot), robot.joint_index(JOINT)
+
+    def set_goals(now: float) -> None:
+        step = round(now / PERIOD)
+        if step % STEPS_OF_A_GOAL == 0:
+            controller.set_goal('tool', goals[step // STEPS_OF_A_GOAL], now)
         if case == ONE_LOCKED and step == round(FAILS / PERIOD):
             controller.lock([JOINT], now)
-        velocity = controller.update(simulator.q, now).velocity
-        rows.append((now, simulator.q, velocity, _errors(robot.state(simulator.q), goal)))
-        carried_out = velocity.copy()
-        if case != WORKING and now >= FAILS:
-            carried_out[broken] = 0.0
-        simulator.command(carried_out)
-        simulator.step(PERIOD)
-    times, q, velocities, errors = (np.array(column) for column in zip(*rows))
-    return Recording(robot, stack, times, q, velocities, errors, goals)
+
+    def carried_out(now: float, velocity: Array) -> Array:
+        return velocity if case == WORKING or now < FAILS else np.where(
+            np.arange(robot.n) == broken, 0.0, velocity)
+
+    return simulate(controller, START, len(goals) * STEPS_OF_A_GOAL, set_goals, carried_out)
+
+
+def goals_of(robot: Robot) -> list[Array]:
+    """Return the goals of the tool, poses (4, 4) in the root."""
+    return [_goal(robot.state(START), shift, turn) for shift, turn in TOOL_GOALS]
+
+
+def tool_errors(motion: Run) -> Array:
+    """Return the errors (T, 2) of position [mm] and orientation [°]."""
+    goals = iter(np.repeat(goals_of(motion.robot), STEPS_OF_A_GOAL, axis=0))
+    return motion.values(lambda state: _errors(state, next(goals)))
+
+
+def last_errors(motion: Run) -> Array:
+    """Return the errors (goals, 2) at the end of the time for each goal [mm, °]."""
+    return tool_errors(motion)[STEPS_OF_A_GOAL - 1::STEPS_OF_A_GOAL]
 
 
 def _goal(state: RobotState, shift: Sequence[float], turn: Sequence[float]) -> Array:
@@ -104,7 +99,7 @@ def failed_joint(folder: str | Path) -> Outcome:
     measurements = [
         Measurement(f'{case}: tool at the goals, largest error', unit, value, most, 0.0, True)
         for case, motion in ((WORKING, working), (ONE_LOCKED, locked))
-        for unit, value, most in zip(('mm', '°'), motion.last.max(axis=0),
+        for unit, value, most in zip(('mm', '°'), last_errors(motion).max(axis=0),
                                      (MOST_TOOL_ERROR, MOST_TURN))]
     share = 100.0 * np.abs(locked.velocities / locked.robot.velocity).max()
     measurements += [
@@ -112,22 +107,23 @@ def failed_joint(folder: str | Path) -> Outcome:
             locked.velocities[stands, locked.robot.joint_index(JOINT)]).max()), 0.0, 0.0, True),
         Measurement(f'{ONE_LOCKED}: joint speed, share of the limit', '%', share, 100.0, 0.0,
                     True)]
-    lost = ', '.join(f'{error:.1f} mm' for error, _ in motions[UNTOLD].last)
+    lost = ', '.join(f'{error:.1f} mm' for error, _ in last_errors(motions[UNTOLD]))
     return Outcome(
         f'Joint 3 of 7 fails at {FAILS:g} s: the tool reaches its poses with the others',
         tuple(measurements), ('', f'{UNTOLD}: the tool misses the goals by {lost}', ''),
         tuple(_figures(Path(folder), motions)))
 
 
-def _figures(folder: Path, motions: dict[str, Recording]) -> Iterator[Path]:
+def _figures(folder: Path, motions: dict[str, Run]) -> Iterator[Path]:
     """Write the figures and yield their paths."""
     locked = motions[ONE_LOCKED]
     changes = [TIME_OF_A_GOAL * number for number in range(1, len(TOOL_GOALS))]
     yield plot_errors(
         folder / 'failed_joint.png', locked.times,
-        [(case, 'mm', motion.errors[:, 0]) for case, motion in motions.items()],
+        [(case, 'mm', tool_errors(motion)[:, 0]) for case, motion in motions.items()],
         title=f'Joint 3 fails at {FAILS:g} s: error of the tool', changes=changes, log=True)
-    goals = [(TIME_OF_A_GOAL * number, 'tool', goal) for number, goal in enumerate(locked.goals)]
+    goals = [(TIME_OF_A_GOAL * number, 'tool', goal) for number, goal
+             in enumerate(goals_of(locked.robot))]
     yield from films(folder / 'failed_joint.webp', Motion(
         'Joint 3 fails, the tool arrives', locked.robot, locked.times, locked.q, locked.stack,
         Look((TOOL,), view=VIEW), goals,

@@ -73,7 +73,8 @@ class Run:
 
 
 def simulate(controller: Controller, start: ArrayLike, samples: int,
-             set_goals: Callable[[float], None]) -> Run:
+             set_goals: Callable[[float], None],
+             carried_out: Callable[[float, Array], Array] = lambda now, velocity: velocity) -> Run:
     """
     Return the run of a controller from a configuration.
 
@@ -87,6 +88,8 @@ def simulate(controller: Controller, start: ArrayLike, samples: int,
         Number of cycles.
     set_goals : callable
         Called with the time [s] before each cycle.
+    carried_out : callable
+        Returns the velocities (n,) that the robot carries out at a time [s], of those commanded.
 
     Returns
     -------
@@ -101,7 +104,7 @@ def simulate(controller: Controller, start: ArrayLike, samples: int,
         set_goals(now)
         velocity, report = controller.update(simulator.q, now)
         rows.append((now, simulator.q, velocity, report))
-        simulator.command(velocity)
+        simulator.command(carried_out(now, velocity))
         simulator.step(period)
     times, q, velocities, reports = zip(*rows)
     return Run(controller.robot, controller.stack, np.array(times), np.array(q),

@@ -1,7 +1,6 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """The demonstration with a joint that fails: the tool arrives with the others."""
 
 import numpy as np
@@ -20,15 +19,15 @@ def motions():
 
 def test_tool_arrives_at_each_goal_without_the_joint(motions):
     motion = motions[demo.ONE_LOCKED]
-    count = round(demo.TIME_OF_A_GOAL / demo.PERIOD)
-    for number, goal in enumerate(motion.goals, 1):
+    last, count = demo.last_errors(motion), round(demo.TIME_OF_A_GOAL / demo.PERIOD)
+    for number, goal in enumerate(demo.goals_of(motion.robot), 1):
         pose = motion.robot.state(motion.q[number * count - 1]).pose(demo.TOOL)
         away = 1e3 * np.linalg.norm(pose[:3, 3] - goal[:3, 3])
         turn = np.degrees(Rotation.from_matrix(pose[:3, :3].T @ goal[:3, :3]).magnitude())
         assert away < 0.05 and turn < 0.01
-        np.testing.assert_allclose(motion.last[number - 1], [away, turn], atol=1e-5)
+        np.testing.assert_allclose(last[number - 1], [away, turn], atol=1e-5)
     # As soon as with all joints.
-    np.testing.assert_allclose(motion.last, motions[demo.WORKING].last, atol=0.01)
+    np.testing.assert_allclose(last, demo.last_errors(motions[demo.WORKING]), atol=0.01)
 
 
 def test_joint_fails_in_motion_and_stands_from_then_on(motions):
@@ -43,7 +42,7 @@ def test_joint_fails_in_motion_and_stands_from_then_on(motions):
 
 
 def test_controller_that_does_not_know_misses_all_goals(motions):
-    assert motions[demo.UNTOLD].last[:, 0].min() > 5.0
+    assert demo.last_errors(motions[demo.UNTOLD])[:, 0].min() > 5.0
 
 
 def test_outcome_is_told_with_figures(tmp_path, motions, monkeypatch):
