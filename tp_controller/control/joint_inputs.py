@@ -14,7 +14,8 @@ from tp_controller.control.lead import ARRIVED
 from tp_controller.control.settings import Settings
 from tp_controller.control.trajectory_inputs import TrajectoryInputs
 from tp_controller.control.velocity_limits import lowered
-from tp_controller.errors import GoalError, RobotError, TimeError, unknown
+from tp_controller.errors import GoalError, RobotError, TimeError
+from tp_controller.model.joint_groups import check_velocities
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
@@ -78,9 +79,7 @@ class JointInputs(TrajectoryInputs):
         """Raise `RobotError` if `lock` and `unlock` do not take such joints."""
         if isinstance(joints, str):
             raise RobotError(f'joints must be a list of names, not {joints!r}')
-        for name in joints:
-            if name not in self.robot.velocity_names:
-                raise RobotError(unknown('driven joint', name, self.robot.velocity_names))
+        check_velocities(joints, self.robot.velocity_names)
 
     def lock(self, joints: Sequence[str], now: float | None = None) -> None:
         """

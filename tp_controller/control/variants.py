@@ -124,11 +124,11 @@ class Variants:
         """Return the velocities (n,) without some tasks and limits."""
         key = tuple([each.task.name if isinstance(each, Evaluation) else each for each in removed])
         if key not in self._found:
-            standing = self.cycle_without(removed).standing
-            groups = [[self._moved(each, standing) for each in group if each not in removed]
+            cycle = self.cycle_without(removed)
+            groups = [[self._moved(each, cycle.standing) for each in group if each not in removed]
                       for group in self._evaluations]
             kept = [index for index, group in enumerate(groups) if group]
-            self._found[key] = settled(self.cycle_without(removed)._replace(
+            self._found[key] = settled(cycle._replace(
                 levels=levels_of([groups[index] for index in kept]),
                 memory=tuple([self.cycle.memory[index] for index in kept]))).velocity
         return self._found[key]

@@ -234,8 +234,9 @@ class Causes {
   // The joints that the level of a task, or one above, may move.
   void consider_masks(const Part &own, const Level &level, double lasting) {
     size_t above = cycle_.levels.size();
-    for (size_t task = 0; task < cycle_.parts.size() && cycle_.parts[task].level <= own.level; ++task) {
+    for (size_t task = 0; task < cycle_.parts.size(); ++task) {
       const size_t l = cycle_.parts[task].level;
+      if (l > own.level) return;
       if (l != above && cycle_.levels[l].joints)
         add_cause(BY_JOINTS, l == own.level ? -1 : int(task),
                   lasting - missing(level, variants_.with_all_joints(l)));

@@ -125,9 +125,9 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
   need(next == cycle.given.size());
 }
 
-// Call with the numbers of each level: how many tasks, whether it has bounds, is scaled, has a mask;
-// weights; the mask and the weights; rows of each task, and whether its J is the identity; J, unless it is the identity; v, or bounds.
-// Then with the error of each task that has a twin.
+// Call with the numbers of each level: how many tasks, whether it has bounds, is scaled, has a mask,
+// has weights; the mask; rows of each task, and whether its J is the identity; J, unless it is the
+// identity; v, or bounds; the weights. Then with the error of each task that has a twin.
 template <typename Put>
 void put_levels(const ControlCycle &cycle, Put put) {
   auto level = cycle.solver.levels.begin();

@@ -3,7 +3,7 @@
 
 """Groups of joints, which tasks name together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 from tp_controller.errors import RobotError, unknown
@@ -50,6 +50,13 @@ def joint_groups(groups: object, velocity_names: Sequence[str], base: Sequence[s
         except RobotError as error:
             raise RobotError(f'group {name}: {error}') from error
     return found
+
+
+def check_velocities(names: Iterable[str], velocity_names: Sequence[str]) -> None:
+    """Raise `RobotError` unless all names are velocities, not groups of them."""
+    for name in names:
+        if name not in velocity_names:
+            raise RobotError(unknown('driven joint', name, velocity_names))
 
 
 def velocities_of(names: object, velocity_names: Sequence[str],

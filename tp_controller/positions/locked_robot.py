@@ -8,7 +8,7 @@ from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.errors import RobotError, unknown
+from tp_controller.model.joint_groups import check_velocities
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 
@@ -34,9 +34,7 @@ def with_locks(robot: Robot, locked: Collection[str], q: ArrayLike) -> Robot:
     """
     if not locked:
         return robot
-    for name in locked:
-        if name not in robot.velocity_names:
-            raise RobotError(unknown('driven joint', name, robot.velocity_names))
+    check_velocities(locked, robot.velocity_names)
     found, positions = copy(robot), robot.state(q).positions
     fixed = np.isin(np.array(robot.velocity_names), list(locked))
     found.lower = np.where(fixed, positions, robot.lower)

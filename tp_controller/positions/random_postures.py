@@ -39,10 +39,11 @@ def random_postures(robot: Robot, start: Array, generator: np.random.Generator, 
     if not robot.moves:
         return drawn
     found = np.empty((count, robot.nq))
+    still = fixed(robot)
     for q, joints in zip(found, drawn):
         velocity = np.zeros(robot.n)
         velocity[:columns.start] = generator.uniform(-BASE_RANGE, BASE_RANGE, columns.start)
-        velocity[fixed(robot)] = 0.0
+        velocity[still] = 0.0
         q[:] = robot.integrate(start, velocity, 1.0)
         q[rows] = joints
     return found

@@ -260,7 +260,6 @@ class LimitCheck:
     def __init__(self, names: tuple[str, ...], lower: Array, upper: Array,
                  tolerance: float) -> None:
         self._names, self._limits, self.tolerance = names, (lower, upper), tolerance
-        self.forget()
         self.ignore(np.zeros(len(names), dtype=bool))
 
     def ignore(self, joints: NDArray[np.bool_]) -> None:
