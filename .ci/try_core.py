@@ -27,7 +27,7 @@ def level(rows, v):
     flat = doubles(*(number for row in rows for number in row))
     J = flat.cast('B').cast('d', (len(rows), len(rows[0])))
     return SimpleNamespace(J=J, v=doubles(*v), mode='least_squares', lower=None, upper=None,
-                           is_identity=False)
+                           joints=None, weights=None, is_identity=False)
 
 
 def load(folder, name):

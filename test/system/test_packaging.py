@@ -491,6 +491,8 @@ def test_wheel_holds_all_compiled_modules_for_all_later_versions_of_python(
     assert sorted(name.partition('.')[0] for name in built) == sorted(names)
     if sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED'):
         assert all(name.endswith('.abi3.so') for name in built) and '-cp311-abi3-' in wheel.name
+        # As with the wheel for each kind of processor.
+        run(sys.executable, '-I', '-S', ROOT / '.ci' / 'try_core.py', site_packages, *names)
     assert solver_of(site_packages) == 'compiled'
 
 
