@@ -13,6 +13,7 @@ from robots import planar
 from std_msgs.msg import String
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.received_status import subscribe_status
+from tp_controller.ros.declarations.spec import ROBOT
 from tp_controller.tools.view.incoming import checked, MESSAGES
 from tp_controller.tools.view.link import Link
 from tp_controller.tools.view.page import Page
@@ -134,9 +135,8 @@ class MadeUpController:
         self.server, self.client = server, MadeUpClient()
         self.link = Link(self.client)
         self.page = Page(server, self.link)
-        self.link.values = {'robot': '', 'robot_description': '', 'base': 'fixed',
-                            'world_frame': 'world', 'joints': [''], 'stack': '',
-                            'xacro_arguments': ['']}
+        self.link.values = {**{spec.name: spec.default for spec in ROBOT}, 'joints': [''],
+                            'stack': ''}
         self.link._ask = lambda: None
         self.link._on_description(String(data=(robot or planar()).urdf))
         self.update()
