@@ -21,6 +21,7 @@ def closed_loops(monkeypatch):
     return importlib.import_module('closed_loops')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('robot', ['Panda', 'UR5', 'Baxter', 'planar 10R'])
 def test_nothing_that_must_not_happen_happens_in_closed_loops(closed_loops, robot):
     result = closed_loops.run(robot, 2500, seed=12345)
@@ -108,6 +109,7 @@ def calm(monkeypatch):
     return importlib.import_module('calm')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('robot', [
     'Panda', 'UR5', 'Talos arm', 'TIAGo', 'Baxter', 'planar 3R', 'TIAGo on wheels'])
 @pytest.mark.parametrize('rate, acceleration', [(20, None), (100, 15.0)])
@@ -116,6 +118,7 @@ def test_robot_comes_to_rest_where_its_goal_cannot_be_reached(calm, robot, rate,
     assert [each for each in runs if not each.calm] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [
     # joint_limit_distance of a joint with a short range, above other tasks.
     306, 525,
@@ -207,6 +210,7 @@ STORED = """#nVar
 """
 
 
+@pytest.mark.slow
 def test_published_hierarchy_is_read_and_compared_with_its_solution(tmp_path):
     (tmp_path / 'stored.dat').write_text(STORED, encoding='utf-8')
     done = subprocess.run(

@@ -175,6 +175,7 @@ def test_generated_tables_are_current(page, generate):
         'run: python docs/generate.py'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('page', PAGES, ids=identity)
 def test_generated_tables_about_the_nodes_are_current(page, generate):
     pytest.importorskip('rclpy')
@@ -319,6 +320,7 @@ def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_t
         assert printed.getvalue() == (output_of(page, block, end) or ''), block
 
 
+@pytest.mark.slow
 def test_task_type_of_another_package_works_as_documented(tmp_path):
     page = DOCS / 'howto' / 'own_task_type.md'
     files = {block.file: block.text for block in blocks('python', 'yaml')

@@ -41,6 +41,7 @@ def test_docstrings_begin_with_a_noun_or_a_verb(path):
             if is_clause(text)] == []
 
 
+@pytest.mark.slow
 def test_docstrings_have_few_free_relatives():
     texts = [text for path in PACKAGE.rglob('*.py')
              for _, text in docstrings(ast.parse(path.read_text(encoding='utf-8')))]

@@ -118,6 +118,7 @@ def test_code_is_there(name, path):
     assert found.__module__ == module.__name__
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, path', sorted({each for row in ROWS for each in row.tests}))
 def test_proof_is_there(name, path):
     tree = ast.parse((ROOT / path).read_text(encoding='utf-8'))
@@ -143,6 +144,7 @@ def test_formulas_that_code_names_lead_to_it(path):
     assert CITED[path] <= known
 
 
+@pytest.mark.slow
 def test_sources_are_named_with_places():
     for path in sorted(PACKAGE.rglob('*.py')):
         for text in docstrings(path):

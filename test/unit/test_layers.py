@@ -68,6 +68,7 @@ def test_no_module_is_longer_than_can_be_read():
                for path in MODULES.values()) <= LONGEST
 
 
+@pytest.mark.slow
 def test_no_class_is_longer_than_can_be_read():
     long = {node.name: node.end_lineno - node.lineno + 1 for path in MODULES.values()
             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
@@ -170,6 +171,7 @@ def test_file_of_tests_without_a_module_is_noticed(file, modules):
     assert modules_of(file) == modules
 
 
+@pytest.mark.slow
 def test_no_module_needs_itself_to_be_imported():
     # Peeling off, again and again, what imports nothing that is left leaves the circles.
     left = {name: own_imports(name) - {name} for name in MODULES}
@@ -202,6 +204,7 @@ def test_a_recorded_status_is_read_without_ros():
             assert top in sys.stdlib_module_names or top == 'tp_controller', (module, name)
 
 
+@pytest.mark.slow
 def test_only_one_module_uses_private_parts_of_rclpy():
     used = set()
     for name, path in MODULES.items():

@@ -43,6 +43,7 @@ def test_script_of_another_package_is_python_and_prints_what_is_shown(tmp_path):
     assert run(name, tmp_path) == shown
 
 
+@pytest.mark.slow
 def test_urdf_that_the_scripts_read_is_the_panda(tmp_path):
     run('write_urdf.py', tmp_path)
     robot = Robot.from_urdf(tmp_path / 'panda.urdf')

@@ -88,6 +88,7 @@ def test_humanoid_reaches_as_far_as_the_page_says(pictures):
         assert np.ptp(run.path('left_sole_link'), axis=0).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_pictures_of_the_method_are_there_and_shown(pictures, tmp_path):
     text = (DOCS / 'method.md').read_text(encoding='utf-8')
     assert {path.stem for path in (DOCS / 'images').glob('method_*')} == set(pictures.METHOD)

@@ -51,6 +51,7 @@ def test_pictures_have_one_size_and_are_small():
         assert path.stat().st_size < 100_000, path
 
 
+@pytest.mark.slow
 def test_a_picture_drawn_again_is_the_same(tmp_path):
     paths = [tuning.draw('delay', tmp_path / folder)[0] for folder in ('first', 'second')]
     assert paths[0].name == 'delay.png'
@@ -110,6 +111,7 @@ def test_less_demand_reaches_the_point():
     assert tilt[0, -1] < 1.1 and 15.0 < tilt[1, -1] < 25.0
 
 
+@pytest.mark.slow
 def test_a_posture_ends_the_drift():
     for joint in curves('drift'):
         turn = round(3.0 / tuning.PERIOD)

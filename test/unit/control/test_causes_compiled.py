@@ -55,6 +55,7 @@ def compared(command):
 
 
 # In the last one a task without rows shares a level.
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [*range(26), 118])
 def test_causes_in_random_stacks_are_those_of_the_reference(number, monkeypatch):
     monkeypatch.syspath_prepend(str(REPOSITORY / 'benchmarks'))
@@ -98,6 +99,7 @@ def limited(name, robot=None, **settings):
     return controller, command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('settings', [
     {}, {'scaling': 'uniform'}, {'weights': (1.0, 5.0, 1.0, 0.2, 1.0, 1.0, 3.0)},
     {'command_delay': 0}, {'damping': 0.0}, {'singular_region': 2.0}])

@@ -63,6 +63,7 @@ def moved(controller):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='needs fork')
 def test_parent_and_child_of_a_fork_go_on_alike(tmp_path):
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(

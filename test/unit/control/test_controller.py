@@ -283,6 +283,7 @@ def hard_runs(draw):
     return robot, text, start, goals, rng.uniform(lower, upper)
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(hard_runs(), st.integers(0, 3))
 def test_no_limit_is_ever_exceeded_whatever_the_goals_start_and_delay(case, delay):
@@ -325,6 +326,7 @@ def test_the_first_command_is_one_that_joints_at_rest_can_follow(elapsed, most):
     assert np.abs(first).max() == pytest.approx(2.0 * most)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(['panda', 'mixed', 'planar', 'floating', 'talos_arm', 'xarm7']),
        st.sampled_from([20.0, 100.0, 1000.0]), st.sampled_from([3.0, 15.0]), st.integers(0, 2),
@@ -532,6 +534,7 @@ def test_report_says_how_much_a_velocity_limit_slows_a_task_and_which(scaling):
     assert report.limiting == 'panda_joint3 at its velocity limit'
 
 
+@pytest.mark.slow
 @given(st.floats(1.02, 1e6))
 @example(49.0)
 def test_velocity_limit_is_named_as_such_whatever_the_rounding(speed):

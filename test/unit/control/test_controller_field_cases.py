@@ -155,6 +155,7 @@ def test_a_goal_out_of_reach_stretches_the_arm_and_the_way_back_is_open(text, ac
 
 # A wrist that passes its singularity on a line
 
+@pytest.mark.slow
 @pytest.mark.parametrize('offset', [0.0, 0.001, 0.02])
 def test_a_wrist_crosses_its_singularity_on_a_line(offset):
     robot = robots.urdf_robot('ur5')

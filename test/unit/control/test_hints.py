@@ -124,6 +124,7 @@ def test_a_task_without_an_error_waits_for_its_velocity():
     assert task.hint == 'wait 0.5 s'
 
 
+@pytest.mark.slow
 def test_hint_leaves_controller_and_tasks_as_they_are():
     robot = robots.panda()
     stack = """

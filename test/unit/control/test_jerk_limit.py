@@ -52,6 +52,7 @@ class Joints:
         self.q = self.q + hold * command
 
 
+@pytest.mark.slow
 @given(SEEDS, st.floats(1e-3, 0.05), st.sampled_from(STRATEGIES), st.booleans(), st.booleans())
 def test_no_choice_within_the_bounds_leaves_a_limit(seed, period, strategy, hurried, demanding):
     rng, n = np.random.default_rng(seed), 8
@@ -194,6 +195,7 @@ STACK = (f'- limits: {{type: joint_limits}}\n- tool: {{type: pose, frame: {robot
 OTHER = STACK.replace('gain: 2.0', 'gain: 4.0').replace('posture, gain', 'posture, gain')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
 @pytest.mark.parametrize('blend', [0.0, 0.2])
 @pytest.mark.parametrize('compiled', [True, False])

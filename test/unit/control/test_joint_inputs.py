@@ -149,6 +149,7 @@ def test_all_joints_can_be_locked():
 
 # The moment of the lock
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(STACKS), st.integers(0, 2 ** 32 - 1), st.booleans(), st.booleans(),
        st.sampled_from(['redistribute', 'uniform']), st.sampled_from([0.0, 0.3]))

@@ -36,6 +36,7 @@ def ease_off(velocity, jerk, acceleration, tail):
                acceleration)
 
 
+@pytest.mark.slow
 @given(JERKS, ACCELERATIONS, TAILS, st.floats(0.02, 1.5), st.floats(-1.0, 1.0))
 def test_the_closed_form_is_the_integral_of_the_law(jerk, most, tail, velocity, share):
     dt, position, v, a = 1e-4, 0.0, velocity, share * most

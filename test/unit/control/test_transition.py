@@ -110,6 +110,7 @@ def weigh(run):
 CHANGES = [leave_out, swap, raise_gain, set_gain, turn_back]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change', CHANGES)
 def test_a_change_on_the_way_makes_no_jump(change):
     fast = {}
@@ -136,6 +137,7 @@ def test_a_change_of_settings_makes_no_jump():
     assert fast[0.0] > 20.0 * fast[0.4]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change', CHANGES)
 def test_levels_that_the_change_leaves_as_they_are_are_not_disturbed_by_it(change):
     run = Run()
@@ -206,6 +208,7 @@ def test_first_task_does_not_feel_that_the_stack_is_replaced_while_its_goal_move
     assert run.fastest_change(CHANGE, CHANGE + 0.05) < 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('replacement', [STACK, STACK.replace('- posture: {', '- posture: {'
                                                               'tolerance: 0.5, timeout: 3.0, ')])
 def test_stack_in_its_own_place_changes_nothing(replacement):
@@ -314,6 +317,7 @@ def test_a_change_keeps_to_the_acceleration_limit(change):
     assert max(run.errors[round(CHANGE / PERIOD):]) < 1e-3
 
 
+@pytest.mark.slow
 def test_goals_in_quick_succession_are_one_motion_and_not_faded():
     velocities = {}
     for blend in (0.0, 0.4):
@@ -601,6 +605,7 @@ def test_offset_that_gets_company_goes_on_fading_as_fast_as_it_did():
     assert transition.levels([], np.zeros(2), now + 0.4 + 1e-9) is None
 
 
+@pytest.mark.slow
 def test_offset_with_a_change_in_every_cycle_follows_a_filter_of_second_order():
     from scipy.linalg import expm
     from tp_controller.control.transition import Transition

@@ -67,6 +67,7 @@ def chosen(strategy, bounds, step, rng):
     return np.where(share == 1.0, upper, lower + share * (upper - lower))
 
 
+@pytest.mark.slow
 @given(SEEDS, PERIODS, SHARES, st.sampled_from(STRATEGIES), st.booleans(), st.booleans())
 def test_no_choice_within_the_bounds_leaves_a_limit(seed, period, share, strategy, hurried, some):
     rng = np.random.default_rng(seed)
@@ -190,6 +191,7 @@ def late_joints(rng, some):
         middle + rng.uniform(-1.0, 1.0, n) * reach
 
 
+@pytest.mark.slow
 @given(SEEDS, PERIODS, SHARES, st.sampled_from(STRATEGIES), st.booleans(), st.integers(0, 3),
        st.integers(0, 3))
 @example(0, 0.05, 1.0, 'extremes', True, 2, 0)
@@ -234,6 +236,7 @@ def test_a_joint_that_obeys_sooner_than_expected_does_not_stop_and_go(share, del
     assert falling.max() < 0.05 and 0.9 < q[0] <= 1.0
 
 
+@pytest.mark.slow
 @given(SEEDS, PERIODS, st.floats(0.02, 0.2), st.sampled_from(STRATEGIES), st.booleans(),
        st.integers(1, 2), st.booleans())
 def test_delays_and_cycles_may_change_if_the_gain_leaves_a_margin(seed, period, share, strategy,
@@ -261,6 +264,7 @@ def test_delays_and_cycles_may_change_if_the_gain_leaves_a_margin(seed, period, 
         assert (q <= joints[1] + 1e-12).all() and (q >= joints[0] - 1e-12).all()
 
 
+@pytest.mark.slow
 @given(SEEDS, PERIODS, SHARES, st.sampled_from(['upper', 'lower', 'change of mind']),
        st.integers(1, 3), st.integers(1, 3))
 def test_counting_too_few_commands_is_no_worse_than_counting_none(seed, period, share, strategy,
@@ -323,6 +327,7 @@ def test_joint_outside_its_range_is_led_back_at_a_bounded_speed(seed, strategy, 
     assert (np.abs(q) <= 1.0 + 1e-6).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('side', [1.0, -1.0])
 @pytest.mark.parametrize('width', [0.02, 0.1, 0.5])
 def test_joint_that_comes_back_from_outside_stops_at_the_other_end(width, side):

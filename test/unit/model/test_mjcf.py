@@ -153,6 +153,7 @@ def test_meshes_are_found_in_their_folder(tmp_path):
     assert urdf_solids(robot.urdf, ['base'])[0].geometry.num_points == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change, message', [
     (('<joint name="elbow" class="hinge"/>', '<joint name="elbow" type="ball"/>'),
      "joint 'elbow' is of type Spherical; valid"),

@@ -417,6 +417,7 @@ def closed_loop(robot, frame, q, move, cycles, settings=None, stack=None):
     return np.linalg.norm(T[:3, 3]), np.linalg.norm(rotation_vector(T[:3, :3])), simulator.q
 
 
+@pytest.mark.slow
 @every_base
 @pytest.mark.parametrize('accelerations', [False, True])
 def test_tool_reaches_what_the_arm_alone_could_not(base, accelerations):

@@ -104,6 +104,7 @@ def test_own_package_is_found(tmp_path):
     assert f'<link name="{robots.REPOSITORY}"/>' in expand_xacro(path, {})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('body, message', [
     ('<link/>\n<xacro:foo/>', 'line 3: unknown macro name: xacro:foo'),
     ('\n<link name="${x*2}"/>', "line 3: name 'x' is not defined when evaluating expr"),

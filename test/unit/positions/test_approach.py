@@ -55,6 +55,7 @@ def poses(count):
             .pose(TOOL).copy() for _ in range(count)]
 
 
+@pytest.mark.slow
 def test_poses_are_reached_that_are_not_on_the_straight_way():
     straight = by_posture = 0
     for goal in poses(12):

@@ -50,6 +50,7 @@ def pair(text, base='fixed'):
     return robot, both
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('base', BASES)
 @pytest.mark.parametrize('name', STACKS)
 def test_searches_are_those_of_the_reference(name, base):

@@ -59,6 +59,7 @@ def test_reference_knows_the_answers_that_can_be_worked_out_by_hand():
     np.testing.assert_allclose(weighted, [0.8, 0.2], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(1, 8), st.integers(1, 10))
 def test_reference_agrees_with_bounded_least_squares_of_one_level(seed, m, n):
     rng = np.random.default_rng(seed)
@@ -84,6 +85,7 @@ def check_against_reference(n, hierarchy, lower, upper, weights=None, tolerance=
                                atol=1e-6 * max(1.0, np.abs(exact).max()))
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(hierarchies(rows=False))
 def test_every_level_comes_as_near_as_the_bounds_and_the_levels_above_allow(problem):
@@ -92,6 +94,7 @@ def test_every_level_comes_as_near_as_the_bounds_and_the_levels_above_allow(prob
     check_against_reference(n, hierarchy, lower, upper)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(hierarchies())
 def test_levels_with_bounds_are_met_or_violated_least_in_the_order_of_priority(problem):
@@ -127,6 +130,7 @@ def check_misses(n, hierarchy, lower, upper):
         assert missed == pytest.approx(least, rel=1e-7, abs=1e-9 * size)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.floats(0.0, 3.0))
 @example(0, 4.0)
 @example(626, 3.0)
@@ -252,6 +256,7 @@ def test_multipliers_prove_that_every_level_is_optimal(problem):
     check_optimality(n, hierarchy, lower, upper)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(hierarchies(kinds=('symmetric', 'zero', 'beside zero', 'one-sided')))
 def test_multipliers_prove_that_levels_with_bounds_are_violated_least(problem):
@@ -297,6 +302,7 @@ def test_bound_that_only_just_begins_to_matter_changes_next_to_nothing(seed, row
 
 # Priority
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(hierarchies(kinds=('symmetric', 'mixed', 'beside zero')))
 def test_no_level_is_changed_by_the_levels_below_it(problem):
@@ -316,6 +322,7 @@ def test_no_level_is_changed_by_the_levels_below_it(problem):
 
 # Idle bounds, and invariance
 
+@pytest.mark.slow
 @given(hierarchies(rows=False, max_levels=4), st.sampled_from([{}, DEFAULTS, {'damping': 0.3}]),
        st.booleans())
 def test_bounds_that_are_idle_change_nothing(problem, options, barely):
@@ -361,6 +368,7 @@ def test_joint_that_is_limited_leaves_joints_it_has_nothing_to_do_with_alone(pro
                                atol=1e-8 * max(1.0, np.abs(free).max()))
 
 
+@pytest.mark.slow
 @given(hierarchies(max_joints=8), SEEDS)
 def test_order_of_the_joints_and_frame_and_size_of_the_rows_do_not_matter(problem, seed):
     n, hierarchy, lower, upper = problem
@@ -394,6 +402,7 @@ def test_same_problem_gives_the_same_velocity_to_the_last_digit(problem, options
     assert one.velocity.tolist() == other.velocity.tolist()
 
 
+@pytest.mark.slow
 @given(hierarchies(max_joints=8), st.sampled_from([1e-3, 1e3]), st.sampled_from([0.0, 0.05]))
 def test_unit_of_length_does_not_matter(problem, unit, regularisation):
     n, hierarchy, lower, upper = problem
@@ -406,6 +415,7 @@ def test_unit_of_length_does_not_matter(problem, unit, regularisation):
     np.testing.assert_allclose(velocity, before, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(hierarchies(), st.sampled_from([{}, DEFAULTS]), st.booleans(),
        st.sampled_from([1.0, 1e-6, 1e3, 1e6]), st.sampled_from([1.0, 1e-3, 1e3]))
 def test_answer_is_finite_and_within_the_bounds_whatever_the_conditions(problem, options, capped,
@@ -444,6 +454,7 @@ def test_weights_have_no_say_in_how_well_levels_are_carried_out(seed, rows, opti
     assert cost @ weighted ** 2 <= cost @ equal ** 2 + 1e-12 * equal @ equal
 
 
+@pytest.mark.slow
 @given(hierarchies(max_joints=8, rows=False), SEEDS, st.booleans(), st.booleans())
 def test_weighted_motion_is_least_among_those_that_do_the_same_for_every_level(problem, seed,
                                                                                bounded, damped):
@@ -499,6 +510,7 @@ def largest_share(levels, lower, upper, above=()):
     return found.x[-1] if found.status == 0 else None
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from([(1,), (2,), (3,), (5,), (2, 2)]), st.sampled_from([{}, DEFAULTS]))
 def test_mode_scale_keeps_the_direction_and_slows_as_little_as_possible(seed, rows, options):
     levels, lower, upper = direction_problem(seed, rows=rows)
@@ -517,6 +529,7 @@ def test_mode_scale_keeps_the_direction_and_slows_as_little_as_possible(seed, ro
         assert level.limited_by
 
 
+@pytest.mark.slow
 def test_lower_level_of_mode_scale_is_the_largest_share_that_the_levels_above_leave():
     found = 0
     for seed in range(60):

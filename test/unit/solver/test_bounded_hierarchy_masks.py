@@ -77,6 +77,7 @@ def solved(hierarchy, *bounds, **options):
     return redistribute(levels, *bounds, **options)
 
 
+@pytest.mark.slow
 @given(masked_hierarchies())
 @settings(max_examples=300)
 def test_every_level_is_met_as_well_as_its_joints_can_and_no_better(problem):
@@ -90,6 +91,7 @@ def test_every_level_is_met_as_well_as_its_joints_can_and_no_better(problem):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 @given(masked_hierarchies())
 @settings(max_examples=100)
 def test_levels_below_do_not_change_what_a_level_with_a_mask_does(problem):
@@ -190,6 +192,7 @@ def test_curvature_counts_what_the_levels_above_balance_not_what_others_do(seed)
     assert found.steps[1].bend == pytest.approx(h, rel=1e-6)
 
 
+@pytest.mark.slow
 @given(masked_hierarchies())
 @settings(max_examples=50)
 def test_what_is_unreachable_is_what_a_level_misses_without_bounds(problem):

@@ -25,6 +25,7 @@ def weighted(hierarchy, weights):
     return levels, longer
 
 
+@pytest.mark.slow
 @given(hierarchies(max_joints=7, max_levels=3, kinds=('symmetric',)), SEEDS, st.booleans())
 @settings(max_examples=200)
 def test_weighted_residuals_are_least_within_bounds(problem, seed, bounded):

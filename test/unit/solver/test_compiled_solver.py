@@ -272,6 +272,7 @@ for _ in range(3):
 """
 
 
+@pytest.mark.slow
 @of_linux
 @pytest.mark.skipif(sanitizer is not None, reason='reserves more than any limit would allow')
 def test_core_that_was_short_of_memory_is_none_the_worse_for_it():

@@ -257,6 +257,7 @@ def test_rows_that_cannot_be_met_move_the_less_the_more_they_bend():
             [1.0 / (5.0 + c)], rel=1e-6)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from([(2, 2), (1, 2, 2), (2, 1, 1, 2)]))
 def test_bend_is_that_of_multipliers_found_by_least_squares(seed, rows):
     rng = np.random.default_rng(seed)

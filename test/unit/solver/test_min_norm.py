@@ -40,6 +40,7 @@ def fast(levels, n, damping, weights=None, period=0.0):
     return min_norm(levels, n, damping, period, (0.0,) * len(levels), weights)
 
 
+@pytest.mark.slow
 @given(easy_stacks(), st.booleans(), st.sampled_from([(0.0, math.inf), (0.1, 0.1), (0.5, 0.2),
                                                       (0.3, 2.0), (0.1, math.inf)]))
 def test_fast_path_agrees_with_the_recursion_wherever_it_answers(stack, closed, damped):
@@ -251,6 +252,7 @@ def exact_least_motion(J, v, weights):
                      for j in range(len(weights))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('decades', [2.0, 6.0, 10.0, 12.0])
 @pytest.mark.parametrize('method', [solve, by_loop])
 def test_least_motion_is_exact_whatever_the_weights(method, decades):
@@ -264,6 +266,7 @@ def test_least_motion_is_exact_whatever_the_weights(method, decades):
                                    atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('decades', [8.0, 10.0, 12.0])
 def test_no_weights_disturb_a_level_within_bounds(decades):
     for seed in range(0, 1500, 5):

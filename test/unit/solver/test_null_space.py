@@ -39,6 +39,7 @@ def check_disturbance(levels, bounds, indices, **options):
         assert np.linalg.norm(changed) <= level.disturbance_bound + 1e-7
 
 
+@pytest.mark.slow
 @given(SEEDS, st.booleans())
 def test_relaxed_directions_of_the_first_level_are_disturbed_by_no_more_than_the_bound(seed,
                                                                                        tight):
@@ -46,12 +47,14 @@ def test_relaxed_directions_of_the_first_level_are_disturbed_by_no_more_than_the
     check_disturbance(levels, (-upper, upper) if tight else (None, None), [0])
 
 
+@pytest.mark.slow
 @given(SEEDS, st.booleans())
 def test_relaxed_directions_of_any_level_are_disturbed_by_no_more_than_the_bound(seed, tight):
     levels, upper = weak_problem(seed)
     check_disturbance(levels, (-upper, upper) if tight else (None, None), range(4))
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_disturbance_bound_holds_with_weights_too(seed):
     levels, upper = weak_problem(seed)

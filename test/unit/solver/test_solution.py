@@ -12,6 +12,7 @@ from reference import projector, random_levels
 from tp_controller import Level, solve
 
 
+@pytest.mark.slow
 @given(stacks(max_joints=9, max_levels=4), st.sampled_from([0.0, 0.2]), st.booleans())
 def test_solution_tells_rank_and_smallest_singular_value_of_each_level(stack, damping, scaled):
     n, levels = stack

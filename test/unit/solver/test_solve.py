@@ -18,6 +18,7 @@ from tp_controller.solver.solve import SCALINGS
 # Lexicographic least squares
 
 
+@pytest.mark.slow
 @given(stacks())
 def test_every_level_is_met_as_closely_as_the_levels_above_allow(stack):
     n, levels = stack
@@ -30,6 +31,7 @@ def test_every_level_is_met_as_closely_as_the_levels_above_allow(stack):
                                residual_norms(levels, exact), **EXACT)
 
 
+@pytest.mark.slow
 @given(stacks(max_joints=10, max_levels=4), st.sampled_from([0.0, 0.1, 1.0]),
        st.sampled_from([0.1, 1.0, math.inf]), st.booleans())
 def test_no_level_is_disturbed_by_the_levels_below_it(stack, damping, region, weighted):
@@ -145,6 +147,7 @@ def test_weighted_solution_is_optimal_in_the_weighted_norm(stack, seed):
                                atol=1e-8 * max(1.0, np.abs(exact).max()))
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(2, 12))
 def test_weighted_inverse_is_the_explicit_formula(seed, n):
     rng = np.random.default_rng(seed)

@@ -133,6 +133,7 @@ def test_direction_that_vanishes_and_comes_back_reversed_makes_no_jump(upper, be
         assert np.linalg.norm(level.disturbance) <= level.disturbance_bound + 1e-12
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_regularisation_costs_the_first_level_little(seed):
     levels, box = along_a_line(seed, rows=(2, 2, 6))

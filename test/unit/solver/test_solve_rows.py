@@ -103,6 +103,7 @@ def test_row_holds_against_what_is_below_however_short_it_is(length, period):
     assert not solution.levels[0].multipliers.any() and solution.levels[0].row_multipliers == {}
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from([0.0, 0.01]))
 def test_what_is_violated_of_rows_is_the_same_whatever_is_below(seed, period):
     rng = np.random.default_rng(seed)
@@ -287,6 +288,7 @@ def test_bounds_that_cannot_be_met_do_not_make_joints_race_for_little():
     np.testing.assert_allclose(ends.J @ again.velocity, ends.J @ calm, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from([0.05, 0.3, 1.0]))
 def test_rows_that_cannot_be_met_are_weighed_against_rest(seed, regularisation):
     """Of what the level above leaves: least Σ missed² + μ² ‖Zᵀ q̇‖²."""

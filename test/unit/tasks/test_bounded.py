@@ -388,6 +388,7 @@ def holds(kind, sizes, point):
     return math.hypot(*point[:2]) <= sizes[0] and abs(point[2]) <= sizes[1] / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind, sizes', [
     ('box', [0.3, 0.5, 0.8]), ('sphere', 0.4), ('cylinder', [0.3, 0.5])])
 def test_distance_from_a_shape_is_that_to_the_nearest_point_of_its_surface(kind, sizes):
@@ -497,6 +498,7 @@ def test_directions_of_a_speed_limit_hold_a_sphere_of_the_stated_radius():
     np.testing.assert_allclose(np.linalg.norm(DIRECTIONS, axis=1), 1.0)
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_no_speed_within_the_bounds_is_above_the_limit_and_all_far_below_it_are(seed):
     rng = np.random.default_rng(seed)

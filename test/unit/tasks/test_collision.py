@@ -229,6 +229,7 @@ def spread(solid_, T):
     return T[:3, 3], np.zeros((3, 1)), kind.radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('one', ['sphere', 'box', 'capsule'])
 @pytest.mark.parametrize('other', ['sphere', 'box', 'capsule'])
 def test_distance_is_that_of_bounded_least_squares(one, other):
@@ -1093,6 +1094,7 @@ def test_the_same_goal_without_the_task_collides():
     assert not report.tasks[1].reached
 
 
+@pytest.mark.slow
 def test_ur5_does_not_fold_into_itself():
     robot = with_meshes('ur5')
     stack = ('- apart: {type: self_collision}\n'
@@ -1104,6 +1106,7 @@ def test_ur5_does_not_fold_into_itself():
         assert flips(commands) < 30, goal
 
 
+@pytest.mark.slow
 def test_arms_of_baxter_keep_apart_where_their_goals_cross():
     joints = tuple(f'{side}_{joint}' for side in ('left', 'right')
                    for joint in ('s0', 's1', 'e0', 'e1', 'w0', 'w1', 'w2'))

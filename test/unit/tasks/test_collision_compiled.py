@@ -86,6 +86,7 @@ def test_distances_are_those_of_coal(name, size):
 BENT = (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-4, 1e-3, 0.01, 0.029, 0.031, 0.1, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('bend', BENT)
 @pytest.mark.parametrize('length', [0.0, 1e-9, 1e-6, 1e-4, 0.3])
 def test_distances_of_special_cases_are_those_of_coal(bend, length):

@@ -126,6 +126,7 @@ def test_type_draws_the_parts_that_it_declares(name):
     assert seen == set(kind.sketch_parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', [name for name, kind in KINDS.items()
                                   if 'frame' in kind.sketch_parts
                                   and 'frame' in kind._fields])
@@ -147,6 +148,7 @@ def test_a_task_without_a_goal_can_be_drawn(name):
 
 # Frames and goals
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['pose', 'relative_pose', 'keep_in', 'keep_out'])
 @given(seed=SEEDS)
 def test_goal_is_placed_by_its_reference(name, seed):
@@ -189,6 +191,7 @@ def test_goal_is_where_the_frame_is_along_and_about_axes_that_do_not_count(name,
         close(tips[-1], parts['goal'].T[:3, axis], atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('axes', [None, 'xz', 'y'])
 @pytest.mark.parametrize('reference', [None, ELBOW])
 @given(seed=SEEDS)
@@ -208,6 +211,7 @@ def test_error_is_an_arrow_along_the_axes_that_count(axes, reference, seed):
         close(parts['reference'].points, [T_reference[:3, 3], parts['goal'].T[:3, 3]], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['pose', 'orientation'])
 @given(seed=SEEDS)
 def test_arc_leads_an_axis_of_the_frame_to_that_of_the_goal(name, seed):
@@ -243,6 +247,7 @@ def test_what_cannot_be_seen_is_left_out():
 
 # Axes that point
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['pointing', 'look_at', 'field_of_view'])
 @pytest.mark.parametrize('axis', ['z', '-x', [1.0, 2.0, -0.5]])
 @given(seed=SEEDS)

@@ -540,6 +540,7 @@ def test_a_stack_without_a_text_has_no_lines(source, told):
     assert str(error.value) == told
 
 
+@pytest.mark.slow
 def test_yaml_that_is_nested_without_end_is_a_fault():
     assert 'nested too deeply' in fault('- j: {type: joint, gain: ' + 3000 * '[')[2]
 

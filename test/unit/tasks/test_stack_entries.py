@@ -53,6 +53,7 @@ def test_numpy_tuples_and_paths_are_values():
         Stack([{'rest': {'type': 'posture', 'file': Path('x.yaml')}}], robots.panda())
 
 
+@pytest.mark.slow
 @given(st.text(st.characters(exclude_categories=['Cs']), max_size=20)
        | st.floats(allow_nan=False, allow_infinity=False) | st.integers(-10 ** 9, 10 ** 9)
        | st.sampled_from(['1e3', '1e-3', '.5', 'yes', 'null', '~', '2001-01-01', '0x1', '- a']))

@@ -600,6 +600,7 @@ def test_orientation_converges_from_anywhere_to_anywhere_by_the_shorter_way(seed
     assert turned == pytest.approx(angle(start, goal), rel=1e-5)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.floats(95.0, 180.0))
 def test_goal_far_from_the_base_orientation_is_reached(seed, degrees):
     rng = np.random.default_rng(seed)

@@ -63,6 +63,7 @@ def drawn_keys(kind, robot, rng, some):
         some or keys[key] is Parameter.empty or key in ('gain', 'target'))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', AXES)
 @given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), some=st.booleans(),
        gains=st.booleans(), fed=st.booleans())
@@ -114,6 +115,7 @@ def moving_pair(kind, seed):
 MOVING = ['pose', 'position', 'orientation', 'joint', 'posture', 'center_of_mass', 'pointing']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', MOVING)
 @given(seed=seeds)
 def test_goal_that_moves_is_set_in_place_and_gives_the_same_numbers(kind, seed):
@@ -211,6 +213,7 @@ def assert_same_bounds(found, expected):
         np.testing.assert_allclose(this, that, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', [
     'keep_in', 'keep_out', 'field_of_view', 'tilt', 'speed_limit', 'joint_limits'])
 @given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), moving=st.booleans(),

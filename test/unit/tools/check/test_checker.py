@@ -227,6 +227,7 @@ def test_shares_outside_are_those_of_the_samples():
     assert report.tasks[0].outside == pytest.approx(0.5, abs=0.08)
 
 
+@pytest.mark.slow
 def test_a_region_out_of_reach_is_wrong():
     lines = ['far: {type: keep_in, frame: link3, shape: {sphere: 0.1}, at: [3.0, 0.0, 0.0]}', TIP]
     assert found(planar(), lines, samples=5, runs=2, seconds=1.0)['bounds', 'far'] == WRONG
@@ -366,6 +367,7 @@ WIDE = 'wide: {type: keep_in, frame: link3, shape: {sphere: 1.7}}'
 FAR = 'far: {type: keep_in, frame: link3, shape: {sphere: 0.1}, at: [3.0, 0.0, 0.0]}'
 
 
+@pytest.mark.slow
 def test_bounds_that_contradict_each_other_are_named_with_what_is_missing():
     report = check(planar(), stack_of(planar(), LEFT, WIDE, RIGHT), samples=5, runs=2)
     finding, = report.of(WRONG)
@@ -374,6 +376,7 @@ def test_bounds_that_contradict_each_other_are_named_with_what_is_missing():
     assert 'at best 0.6 m are missing of right' in finding.message
 
 
+@pytest.mark.slow
 def test_bounds_that_cannot_be_satisfied_alone_are_named_with_what_is_missing():
     # The arm is 1.75 m long, and the region begins at 2.9 m.
     finding, = check(planar(), stack_of(planar(), WIDE, FAR), samples=5, runs=2).of(WRONG)
@@ -433,6 +436,7 @@ def test_links_that_are_left_out_but_overlap_are_named():
     assert found(panda(), [some, tool])['unwatched', 'apart'] == DOUBTFUL
 
 
+@pytest.mark.slow
 def test_a_task_below_one_that_is_still_on_its_way_is_not_judged():
     lines = ['tool: {type: pose, frame: panda_hand_tcp, gain: 0.2}', 'rest: {type: posture}']
     report = check(panda(), stack_of(panda(), *lines), samples=5, runs=5)

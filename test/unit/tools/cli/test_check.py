@@ -155,6 +155,7 @@ def test_a_kind_that_does_not_exist_is_not_accepted(capsys, arguments):
     assert status == 2 and "'gian'" in err and 'did you mean' in err and 'gain' in err
 
 
+@pytest.mark.slow
 def test_the_time_is_estimated_before_it_is_taken(monkeypatch, capsys):
     told = []
     monkeypatch.setattr('tp_controller.tools.check.checker.closed_loop',

@@ -49,6 +49,7 @@ print(*sorted({'pinocchio', 'tp_controller.tasks', 'scipy'} & set(sys.modules)))
 """
 
 
+@pytest.mark.slow
 def test_a_goal_is_sent_and_waited_for_without_the_kinematics():
     """To import Pinocchio takes longer than to send a goal."""
     pytest.importorskip('rclpy')

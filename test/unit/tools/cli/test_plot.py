@@ -98,12 +98,14 @@ def test_the_report_has_the_numbers_that_were_recorded(plot, tmp_path):
     assert out.splitlines()[1].split()[:4] == ['tool', '1', 'reached', '0']
 
 
+@pytest.mark.slow
 def test_the_report_is_one_file_that_loads_nothing(plot, tmp_path):
     page = plot(recordings.write(tmp_path / 'run', recordings.run()))[3]
     assert len(page.addresses) >= 3
     assert all(address.startswith('data:image/png;base64,') for address in page.addresses)
 
 
+@pytest.mark.slow
 def test_names_that_look_like_html_are_shown_as_they_are(plot, tmp_path):
     rows = [(time, topic, message) for time, topic, message in recordings.run()]
     rows.append((3.5, '/tp_controller/status', recordings.status(
@@ -150,6 +152,7 @@ def test_numbers_that_make_no_sense_end_no_plot(plot, tmp_path, value):
     assert code == 0 and page.tables['Tasks'][1][0] == 'tool'
 
 
+@pytest.mark.slow
 def test_a_plot_that_cannot_be_drawn_leaves_the_rest(plot, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise OverflowError('of the test')
@@ -161,6 +164,7 @@ def test_a_plot_that_cannot_be_drawn_leaves_the_rest(plot, tmp_path, monkeypatch
     assert 'no plot of errors' in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['report.html', 'errors.png'])
 def test_what_a_link_leads_to_is_not_written(plot, tmp_path, name):
     (tmp_path / 'plots').mkdir()
@@ -218,6 +222,7 @@ def test_a_robot_that_cannot_be_read_leaves_the_rest(plot, tmp_path):
     assert code == 0 and 'the robot is not known' in err and 'errors.png' in out
 
 
+@pytest.mark.slow
 def test_plots_go_to_a_folder_named_after_the_recording(tmp_path, capsys, monkeypatch):
     recordings.write(tmp_path / 'run', recordings.run())
     monkeypatch.chdir(tmp_path)
@@ -246,6 +251,7 @@ def test_no_ros_is_needed(tmp_path):
     assert 'Tasks' in page.tables
 
 
+@pytest.mark.slow
 def test_what_is_not_installed_is_named(tmp_path, capsys, monkeypatch):
     path = recordings.write(tmp_path / 'run', recordings.run())
     monkeypatch.chdir(tmp_path)

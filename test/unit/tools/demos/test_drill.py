@@ -49,6 +49,7 @@ def test_tasks_below_are_relaxed_where_they_must_be_and_satisfied_where_they_can
     assert (np.abs(angle - 0.6) < 1e-3).sum() > 100
 
 
+@pytest.mark.slow
 def test_joints_do_not_race_for_what_is_hardly_left(motion):
     share = np.abs(motion.velocities / motion.robot.velocity)
     assert share.max() < 0.7
@@ -56,6 +57,7 @@ def test_joints_do_not_race_for_what_is_hardly_left(motion):
     assert changes.max() < 0.25
 
 
+@pytest.mark.slow
 def test_outcome_is_told_with_figures(tmp_path, motion, monkeypatch):
     monkeypatch.setattr(drill, 'record', lambda: motion)
     monkeypatch.setattr(drill, 'films', lambda path, motion: motions.append(motion) or ())

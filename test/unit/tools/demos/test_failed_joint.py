@@ -17,6 +17,7 @@ def motions():
     return {case: demo.record(case) for case in (demo.WORKING, demo.ONE_LOCKED, demo.UNTOLD)}
 
 
+@pytest.mark.slow
 def test_tool_arrives_at_each_goal_without_the_joint(motions):
     motion = motions[demo.ONE_LOCKED]
     last, count = demo.last_errors(motion), round(demo.TIME_OF_A_GOAL / demo.PERIOD)
@@ -45,6 +46,7 @@ def test_controller_that_does_not_know_misses_all_goals(motions):
     assert demo.last_errors(motions[demo.UNTOLD])[:, 0].min() > 5.0
 
 
+@pytest.mark.slow
 def test_outcome_is_told_with_figures(tmp_path, motions, monkeypatch):
     films = []
     monkeypatch.setattr(demo, 'record', motions.__getitem__)

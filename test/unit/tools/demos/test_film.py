@@ -57,6 +57,7 @@ def blank(monkeypatch):
     monkeypatch.setattr(film, 'pictures', pictures)
 
 
+@pytest.mark.slow
 def test_a_film_shows_its_progress_and_can_be_left_out(tmp_path, monkeypatch, blank):
     robot = planar()
     drawn = []

@@ -182,6 +182,7 @@ def test_random_goals_are_met_by_the_task_that_is_first(outcomes):
     assert max(possible for *_, possible in rows) > 100.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, count', [('lab1', 2), ('lab2', 5)])
 def test_figures_are_written_and_show_something(outcomes, name, count):
     paths = outcomes[name].paths
@@ -193,6 +194,7 @@ def test_figures_are_written_and_show_something(outcomes, name, count):
             assert np.asarray(picture.convert('L')).std() > 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, goals', [
     ('lab1', 1), ('lab2_end_effector_first', lab.GOAL_COUNT),
     ('lab2_joint_first', lab.GOAL_COUNT)])

@@ -40,6 +40,7 @@ def within(run, since, until=math.inf):
     return (run.times >= since) & (run.times < until)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', SCENES)
 def test_every_scene_comes_out_with_question_and_answer(played, name):
     scene, outcome = played(name)['scene'], played(name)['outcome']
@@ -52,6 +53,7 @@ def test_every_scene_comes_out_with_question_and_answer(played, name):
     assert {check.variant for check in scene.checks} == set(scene.variants)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', SCENES)
 def test_film_shows_the_first_run_with_its_goals(played, name):
     film, runs = played(name)['film'], played(name)['runs']

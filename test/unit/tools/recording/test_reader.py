@@ -65,6 +65,7 @@ def test_recordings_in_other_forms_are_read(run, tmp_path, storage, mode):
     assert not remarks and sorted(found) == sorted(messages(run)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.STORAGE])
 def test_a_file_that_is_cut_off_anywhere_is_read_as_far_as_it_goes(run, tmp_path, mode):
     file = next(rewritten(run, tmp_path / 'again', mode=mode).glob('*.mcap'))

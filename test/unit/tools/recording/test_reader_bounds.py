@@ -282,6 +282,7 @@ def histories(tmp_path, rows):
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_a_recording_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(history, 'MOST_TOPICS_OF_A_KIND', 5)
     monkeypatch.setattr(motion, 'MOST_NAME_LISTS', 5)

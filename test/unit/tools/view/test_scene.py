@@ -82,6 +82,7 @@ def test_links_are_shown_where_the_kinematics_have_them(stage, base):
             np.testing.assert_allclose(shown_pose(handle), state.pose(link), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_passive_joints_move_their_links_too(stage):
     robot = robots.urdf_robot('panda', joints=tuple(f'panda_joint{n}' for n in range(1, 8)))
     shown = scene.RobotScene(stage, robot)
@@ -92,6 +93,7 @@ def test_passive_joints_move_their_links_too(stage):
                                    atol=1e-6)
 
 
+@pytest.mark.slow
 def test_only_links_that_moved_are_sent_again(stage):
     robot = robots.panda()
     shown = scene.RobotScene(stage, robot)
@@ -382,6 +384,7 @@ def test_ground_is_never_above_the_root(stage):
     assert scene.RobotScene(stage, Leg(height=1.0).robot).ground() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['panda', 'ur5', 'xarm7', 'tiago'])
 def test_ground_stays_at_the_base_of_a_robot_that_is_fixed_there(stage, name):
     pytest.importorskip('collada', reason='needs pip install pycollada')
@@ -401,6 +404,7 @@ def test_ground_stays_at_the_base_of_an_arm_that_reaches_below_it(stage):
     assert arm.ground() == 0.0
 
 
+@pytest.mark.slow
 def test_talos_stands_on_its_soles(stage):
     robot = robots.urdf_robot('talos')
     shown = scene.RobotScene(stage, robot)
