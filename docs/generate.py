@@ -26,7 +26,7 @@ import re
 import sys
 
 from tp_controller import Controller, Robot, Settings, Stack
-from tp_controller.tasks import task_types
+from tp_controller.tasks import Task, task_types
 from tp_controller.tasks.keys import DEFAULT_TOLERANCE
 from tp_controller.tasks.needs import lacks
 from tp_controller.tools.check.results import schema
@@ -49,6 +49,8 @@ EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_outputs',
              'test_locks', 'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
+KEY_TITLES = ('key', 'default, range', 'meaning')
+GENERAL_KEYS = 'docs/tasks.md#what-all-tasks-have-in-common'
 # Packages of the nodes that are tools.
 PARTS = {'viewer': 'tools.view', 'teleop': 'tools.teleop'}
 
@@ -274,22 +276,37 @@ def goal_types(kind):
 
 
 def keys(name):
-    """Return the keys of a task type: a table, and those that earlier types of its page have."""
-    rows, shown = key_rows(task_types()[name]), {}
+    """Return the keys of a task type: a table, and those that are described elsewhere."""
+    rows, general = key_rows(task_types()[name]), key_rows(Task)
+    shown = {}
     for other, kind in next((kinds for kinds in families().values() if name in kinds), {}).items():
         if other == name:
             break
         for row in key_rows(kind):
             shown.setdefault(row, other)
-    new, known = [row for row in rows if row not in shown], {}
+    new, known = [row for row in rows if row not in {*shown, *general}], {}
     for row in rows:
-        if row in shown:
+        if row in shown and row not in general:
             known.setdefault(shown[row], []).append(row[0])
-    parts = [table(('key', 'default', 'range', 'meaning'), new)] if new else []
-    if known:
-        parts.append(' '.join(f'As for [{other}](#{other}): {", ".join(names)}.'
-                              for other, names in known.items()) + '\n')
-    return '\n'.join(parts)
+    lines = [f'As for [{other}](#{other}): {", ".join(names)}.' for other, names in known.items()]
+    lines.append(general_part(rows, general))
+    return '\n'.join((*([table(KEY_TITLES, new)] if new else ()), ' '.join(lines) + '\n'))
+
+
+def general_part(rows, general):
+    """Return the shorter sentence about the keys of all tasks that a type takes or omits."""
+    names = {row[0] for row in rows}
+    taken = [row[0] for row in general if row in rows]
+    omitted = [row[0] for row in general if row[0] not in names]
+    if len(omitted) < len(taken):
+        return f'And the [keys of all tasks]({GENERAL_KEYS})' \
+            + f'{", but not " * bool(omitted)}{", ".join(omitted)}.'
+    return f'As for [all tasks]({GENERAL_KEYS}): {", ".join(taken)}.'
+
+
+def general_keys():
+    """Return the table of the keys that all types share."""
+    return table(KEY_TITLES, key_rows(Task))
 
 
 def key_rows(kind):
@@ -302,8 +319,14 @@ def key_rows(kind):
         if key == 'tolerance':
             default = '{' + ', '.join(f'{unit}: {value:g}'
                                       for unit, value in DEFAULT_TOLERANCE.items()) + '}'
-        rows.append((f'`{key}`', literal(default), valid[key], described[key]))
+        rows.append((f'`{key}`', with_range(literal(default), valid[key]), described[key]))
     return rows
+
+
+def with_range(default, values, unit=''):
+    """Return the cell of a default and its range, the default first; any part may be empty."""
+    parts = (values,) if default and values.startswith(default) else (default, values)
+    return f'{", ".join(filter(None, parts))} {unit}'.strip()
 
 
 def classes():
@@ -314,12 +337,14 @@ def classes():
 
 def settings():
     """Return the table of settings."""
-    return table(
-        ('setting', 'default', 'range', 'unit', 'meaning'),
-        [(f'`{item.name}`', literal(item.default),
-          interval(item.metadata.get('lower'), item.metadata.get('upper'),
-                   item.metadata.get('valid', ())), item.metadata['unit'],
-          item.metadata['description']) for item in fields(Settings)])
+    rows = []
+    for item in fields(Settings):
+        about = item.metadata
+        values = interval(about.get('lower'), about.get('upper'), about.get('valid', ()))
+        rows.append((f'`{item.name}`',
+                     with_range(literal(item.default), values, about['unit']),
+                     about['description']))
+    return table(('setting', 'default, range', 'meaning'), rows)
 
 
 def commands():
@@ -381,10 +406,8 @@ def parameter_table(specs):
     """Return a table of parameters; an empty text without one."""
     rows = []
     for spec in specs:
-        values = f'{interval(spec.lower, spec.upper)} {spec.unit}'.strip()
-        default = literal(spec.default)
-        rows.append((f'`{spec.name}`', f'{default}, {values}' if default and values
-                     else default or values, spec.description))
+        cell = with_range(literal(spec.default), interval(spec.lower, spec.upper), spec.unit)
+        rows.append((f'`{spec.name}`', cell, spec.description))
     return table(('parameter', 'default, range', 'meaning'), rows) if rows else ''
 
 
@@ -565,6 +588,7 @@ def faults():
 REGIONS = {
     'tasks': tasks, 'settings': settings, 'commands': commands,
     'classes': classes,
+    'general keys': general_keys,
     **{f'keys {name}': lambda name=name: keys(name) for name in task_types()},
     'goal forms': goal_forms,
 }

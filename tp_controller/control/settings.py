@@ -66,50 +66,48 @@ class Settings:
         'limits relies on it')
     damping: float = _number(
         0.1, 0.0, 10.0, '',
-        'damping λ of directions that hardly move a task, in the units of the Jacobian, m or rad '
-        'of a task per rad or m of a joint; of the first level a fifth of it (0: undamped)')
+        'damping λ of directions that hardly move a task, in the units of the Jacobian; of the '
+        'first level a fifth of it (0: undamped)')
     singular_region: float = _number(
-        0.1, 0.0, math.inf, '', 'singular value, in the units of the Jacobian, below which a '
-        'direction is damped, of the first level a fifth of it (inf: all directions are damped, '
-        'which is damped least squares, lecture 2.2)')
+        0.1, 0.0, math.inf, '', 'singular value of the Jacobian below which a direction is '
+        'damped; of the first level a fifth of it (inf: damped least squares, lecture 2.2)')
     braking_gain: float = _number(
-        10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit, per distance to it; at '
-        'most 1/period, and no more acts than does not oscillate with d = command_delay: '
-        'dᵈ/(d + 1)ᵈ⁺¹/period')
+        10.0, 1e-3, 1e4, '1/s', 'allowed speed towards a position limit per distance to it, at '
+        'most 1/period; with d = command_delay at most dᵈ/(d + 1)ᵈ⁺¹/period takes effect')
     command_delay: int = _count(
-        2, 0, 100, 'cycles', 'most commands that are under way when positions are measured: '
-        'joints brake from where these lead, or position limits would be crossed')
+        2, 0, 100, 'cycles', 'most commands under way when positions are measured; joints '
+        'brake from where these lead, or position limits would be crossed')
     release_region: float = _number(
-        0.02, 0.0, 10.0, '', 'singular value, in the units of the Jacobian, below which a '
-        'direction is relaxed: left to the lower tasks, smoothly (0: never)')
+        0.02, 0.0, 10.0, '', 'singular value of the Jacobian below which a direction is '
+        'relaxed: left to the lower tasks, smoothly (0: never)')
     scaling: str = _choice(
         'redistribute', SCALINGS, 'reaction to a velocity beyond a limit: other joints move '
-        'instead, at the cost of the lowest tasks first, or all joints are slowed alike')
+        'instead, at the cost of the lowest tasks first; or all joints are slowed alike')
     regularisation: float = _number(
-        0.02, 0.0, 10.0, '', 'scaling redistribute: singular value, in the units of the Jacobian, '
-        'below which a direction stays near the velocity cut off at the limits, against jumps of '
-        'the command; of the first level a fifth of it (0: exact)')
+        0.02, 0.0, 10.0, '', 'with redistribute: singular value of the Jacobian below which a '
+        'direction stays near the velocity cut off at the limits, against jumps of the command; '
+        'of the first level a fifth of it (0: exact)')
     reserve: float = _number(
-        0.4, 0.0, 1.0, '', 'scaling redistribute: share of its speed limit that the tasks below '
-        'the first level leave to it, of every joint with an acceleration limit')
+        0.4, 0.0, 1.0, '', 'with redistribute: share of the speed limit of each joint with an '
+        'acceleration limit that lower tasks leave to the first level')
     blend: float = _number(
-        0.4, 0.0, 60.0, 's', 'duration of the transition after a change of the stack, a goal or a '
-        'setting (0: at once)')
+        0.4, 0.0, 60.0, 's', 'duration of the transition after a change of stack, goal or setting '
+        '(0: at once)')
     task_faults: str = _choice(
         'stop', (STOP, SWITCH_OFF), 'reaction to a task that raises an exception, returns an '
-        'invalid result or exceeds its time budget: the robot stops, or the task is switched off '
-        'until it is enabled again, and the others go on')
+        'invalid result or exceeds its time budget: the robot stops; or the task is switched off '
+        'until it is enabled again')
     task_budget: float = _number(
         0.5, 1e-3, math.inf, '', 'share of the period that the evaluation of a task of another '
         'package may take; it fails after three longer ones in a row (inf: any time)')
     weights: tuple[float, ...] | None = field(default=None, metadata={
-        'unit': '', 'description': 'cost of each velocity, those of a moving base before those '
-        'of the joints, all positive: the higher, the less it is used in the null space of all '
-        'tasks (empty: all equal)'})
+        'unit': '', 'description': 'positive cost of each velocity, those of a moving base '
+        'first: the higher, the less it is used in the null space of all tasks (empty: all '
+        'equal)'})
 
     workspace: tuple[float, ...] = field(default=ANYWHERE, metadata={
-        'count': 6, 'unit': 'm', 'description': 'box that the goals of frames have to lie in, in '
-        'the root frame: x from, to, y from, to, z from, to (infinite: no limit)'})
+        'count': 6, 'unit': 'm', 'description': 'box for the goals of frames, in the root frame: '
+        'x from, to, y from, to, z from, to (infinite: no limit)'})
     largest_jump: float = _number(
         math.inf, 0.0, math.inf, 'm', 'largest distance of a new goal from where its task is '
         '(inf: any)')

@@ -148,8 +148,8 @@ class FrameTask(MovingGoalTask):
     reference: str = reference_key(
         'frame that goals, errors and axes are expressed in (default: the root)')
     approach: str = yaml_key(
-        'way of a node to a goal: straight, or posture: all joints move along a straight line to '
-        'the posture that inverse kinematics finds (default: straight)', default=STRAIGHT,
+        'way of a node to a goal: straight, or posture: all joints along a straight line to the '
+        'posture that inverse kinematics finds', default=STRAIGHT,
         parse_for=lambda task, approach: parse_approach(task.robot, approach), acts=False)
     axes: tuple[str, ...] = yaml_key(
         'axes of the reference frame that count (default: all)', default=None,
