@@ -254,12 +254,11 @@ def tasks():
     tables = []
     for page, kinds in families().items():
         path = page.relative_to(ROOT)
-        rows = [(f'[`{name}`]({path}#{name})', summary(kind).partition(':')[0],
-                 ' or '.join(goal.replace('_', ' ') for goal in goal_types(kind)) or 'none')
+        rows = [(f'[`{name}`]({path}#{name})', summary(kind).partition(':')[0])
                 for name, kind in kinds.items()]
         title = TITLE.search(page.read_text(encoding='utf-8'))[1]
         tables.append(f'**[{title}]({path})**\n\n'
-                      + table(('`type`', 'what it does', 'goal'), rows))
+                      + table(('`type`', 'what it does'), rows))
     return '\n'.join(tables)
 
 
