@@ -35,8 +35,8 @@ def numbers(text):
     return [float(number) for number in re.findall(r'\d+(?:\.\d+)?', text)]
 
 
-def test_there_are_six():
-    assert len(EXAMPLES) == 6
+def test_there_are_seven():
+    assert len(EXAMPLES) == 7
 
 
 @pytest.mark.parametrize('path', EXAMPLES, ids=lambda path: path.stem)
@@ -93,3 +93,7 @@ def test_own_task_type_limits_the_tool():
     printed = run('own_task_type')
     assert numbers(printed)[0] == pytest.approx(600.0, abs=0.5)
     assert printed.endswith('tool limited: blocked by the bounds of cable\n')
+
+
+def test_own_solver_moves_the_tool_to_its_goal_and_the_posture_yields():
+    assert run('own_solver') == 'tool 0.0 mm, posture limited: blocked by tool\n'
