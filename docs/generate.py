@@ -250,22 +250,26 @@ def types_in_order():
 
 
 def tasks():
-    """Return a table of task types for each family."""
-    tables = []
+    """Return a list of task types for each family."""
+    parts = []
     for page, kinds in families().items():
         path = page.relative_to(ROOT)
-        rows = [(f'[`{name}`]({path}#{name})', summary(kind).partition(':')[0])
-                for name, kind in kinds.items()]
         title = TITLE.search(page.read_text(encoding='utf-8'))[1]
-        tables.append(f'**[{title}]({path})**\n\n'
-                      + table(('`type`', 'what it does'), rows))
-    return '\n'.join(tables)
+        lines = [f'- [`{name}`]({path}#{name}): {lowered(summary(kind).partition(":")[0])}'
+                 for name, kind in kinds.items()]
+        parts.append(f'**[{title}]({path})**\n\n' + '\n'.join(lines) + '\n')
+    return '\n'.join(parts)
+
+
+def lowered(text):
+    """Return a text that does not begin with a capital letter."""
+    return text[0].lower() + text[1:]
 
 
 def goal_forms():
-    """Return the table of the forms of goals in Python."""
-    return table(('goal', 'in Python'),
-                 [(goal.replace('_', ' '), form) for goal, (form, _) in GOALS.items()])
+    """Return the list of the forms of goals in Python."""
+    return '\n'.join(f'- {goal.replace("_", " ")}: {form}'
+                     for goal, (form, _) in GOALS.items()) + '\n'
 
 
 def goal_types(kind):

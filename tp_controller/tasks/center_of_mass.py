@@ -24,11 +24,11 @@ MIN_JACOBIAN_NORM = 0.01
 
 class CenterOfMass(PointTask):
     """
-    Bring the centre of mass of the robot to a point, σ = Σ m_i c_i / Σ m_i.
+    Bring the centre of mass of the robot to a point.
 
-    All links contribute, including those that do not move. The rows are scaled to norm 1 in the
-    neutral posture, because the centre moves little if most of the mass is fixed. The goal is a
-    point (3,) [m] in the root.
+    It is σ = Σ m_i c_i / Σ m_i of all links, including those that do not move. The rows are scaled
+    to norm 1 in the neutral posture, because the centre moves little if most of the mass is fixed.
+    The goal is a point (3,) [m] in the root.
     """
 
     type_name = 'center_of_mass'

@@ -27,11 +27,12 @@ ON_ONE_LINE = 'contacts on one line'
 
 class ComPolygon(BoundedTask):
     """
-    Keep the centre of mass above the support polygon, the convex hull of contact points.
+    Keep the centre of mass above the support polygon.
 
-    Contacts are points of frames of the robot, and move with them. Everything is projected along
-    `up`. Each edge of the hull, from a to b, has one row: the distance σ of the centre of mass c
-    from it, positive inside, with the velocity relative to the nearest point of its line::
+    It is the convex hull of the contacts, points that move with frames of the robot. Everything is
+    projected along `up`. Each edge of the hull, from a to b, has one row: the distance σ of the
+    centre of mass c from it, positive inside, with the velocity relative to the nearest point of
+    its line::
 
         σ = nᵀ (c − a)        J = nᵀ (J_c − (1 − s) J_a − s J_b),  s = (b − a)ᵀ (c − a) / ‖b − a‖²
 

@@ -107,7 +107,7 @@ class ConeTask(AimedTask, BoundedTask):
 
 class FieldOfView(ConeTask):
     """
-    Keep a point, or the origin of another frame, within a cone about the axis of a camera.
+    Keep a point or another frame within a cone about the axis of a camera.
 
     The goal is the point (3,) [m] in the reference frame; a twist is its velocity.
     """

@@ -23,7 +23,7 @@ AROUND = Sphere(1.0)
 
 class Distance(PlacedTask):
     """
-    Keep the distance of a frame from another frame, or from a point of it, between bounds.
+    Keep the distance of a frame from a point or another frame between bounds.
 
     The only row is the distance of the origin from the point, with the direction between both as
     its gradient; where they coincide it is x of the reference.

@@ -20,13 +20,13 @@ MAX_RATE = 10.0
 
 class JointLimitDistance(GradientTask):
     """
-    Maximize the distance of the joints from their limits, h = −Σ 1 / (1 − x²).
+    Maximize the distance of the joints from their limits.
 
-    x is the position of a joint in its range, −1 at the lower limit and 1 at the upper one: h is
-    the sum of (upper − lower)² / (4 (upper − q) (q − lower)) of the weighted gradient projection
-    method (wiki, Joint Limit Avoidance), with the sign reversed. Joints without limits do not
-    contribute. The demand K ∂h/∂q of a joint at the distance d from the middle is reduced smoothly
-    to at most ``MAX_RATE`` d.
+    It is h = −Σ 1 / (1 − x²), x = −1 … 1 from limit to limit: the sum of
+    (upper − lower)² / (4 (upper − q) (q − lower)) of the weighted gradient projection method
+    (wiki, Joint Limit Avoidance), with the sign reversed. Joints without limits do not contribute.
+    The demand K ∂h/∂q of a joint at the distance d from the middle is reduced smoothly to at most
+    ``MAX_RATE`` d.
     """
 
     type_name = 'joint_limit_distance'

@@ -35,7 +35,7 @@ RANGE_SEGMENTS = 24
 
 class OrientationRange(TurningTask, RotationTask, BoundedTask):
     """
-    Keep the turn of a frame from a desired orientation between bounds, about each axis.
+    Keep the turn of a frame from a desired orientation between bounds.
 
     The rows are components of the rotation vector r = log(R_dᵀ R) along axes of the desired
     orientation, with J = L(r) R_dᵀ J_ω and the inverse left Jacobian L of the rotation group.

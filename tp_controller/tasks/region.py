@@ -158,7 +158,7 @@ class RegionTask(PoseTask, PlacedTask):
 
 class KeepIn(RegionTask):
     """
-    Keep a frame, or a sphere around it, inside of a box, sphere, cylinder or half-space.
+    Keep a frame, or a sphere around it, inside a box, sphere, cylinder or half-space.
 
     A box has one row for each pair of faces, a cylinder the distance from its axis and the one
     along it, a sphere the distance from its centre, and a half-space the one from its plane.
@@ -185,7 +185,7 @@ class KeepIn(RegionTask):
 
 class KeepOut(RegionTask):
     """
-    Keep a frame, or a sphere around it, outside of a box, sphere, cylinder or half-space.
+    Keep a frame, or a sphere around it, outside a box, sphere, cylinder or half-space.
 
     The only row is the distance from the surface, negative inside.
     """

@@ -36,7 +36,7 @@ INSCRIBED_RADIUS = 0.9226
 
 class SpeedLimit(BoundedTask):
     """
-    Keep the speed of a frame below a limit, linear, angular or both, relative to a reference.
+    Keep the speed of a frame below a limit, linear, angular or both.
 
     The norm of a velocity is not linear, so the velocity is bounded along sixteen directions. The
     speed never exceeds the limit. It can reach all of it along a direction, and 92 % in between.
