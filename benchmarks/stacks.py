@@ -41,6 +41,8 @@ BOUNDS = {
     'field_of_view': ('- guard: {type: field_of_view, frame: panda_link7, half_angle: 0.4, '
                       'target: [0.5, 0.15, 0.0]}', [0.4, -0.4, 0.5]),
     'tilt': (f'- guard: {{type: tilt, frame: {TOOL}, axis: -z, within: 0.1}}', [0.75, 0.2, 0.3]),
+    'orientation_range': (f'- guard: {{type: orientation_range, frame: {TOOL}, '
+                          'target: [1, 0, 0, 0], maximum: [0.1, 0.1, 0.5]}', [0.75, 0.2, 0.3]),
     'distance': (f'- guard: {{type: distance, frame: {TOOL}, reference: panda_link1, '
                  'maximum: 0.5}', [0.45, 0.35, 0.6]),
     'manipulability_above': (f'- guard: {{type: manipulability_above, frame: {TOOL}, '

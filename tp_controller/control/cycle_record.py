@@ -160,22 +160,16 @@ class CycleRecord:
     @cached_property
     def errors(self) -> list[Array]:
         """Return the error of each task."""
-        given, at, found = iter(self._given), int(self._head[3]), []
-        for group in zip(self.layout.active, self.layout.twins):
-            for task, twin in zip(*group):
-                if twin is None:
-                    found.append(next(given).error)
-                    continue
-                begin, at = at, at + task.rows
-                found.append(self._numbers[begin:at])
-        return found
+        given, compiled = iter(self._given), iter(self._by_twins)
+        return [next(given).error if twin is None else next(compiled)[0]
+                for twins in self.layout.twins for twin in twins]
 
     @cached_property
     def evaluations(self) -> Sequence[Sequence[Evaluation]]:
         """Return the evaluations of the enabled tasks, level by level."""
-        given, errors = iter(self._given), iter(self.errors)
+        given, compiled = iter(self._given), iter(self._by_twins)
         self._at = self._first + (4 if self._has_demand else 3) * self._n
-        found = [self._group(list(zip(*group)), given, errors)
+        found = [self._group(list(zip(*group)), given, compiled)
                  for group in zip(self.layout.active, self.layout.twins)]
         # Those that Python evaluated have the columns of all joints.
         return evaluations_without(found, self._bounds.standing)
@@ -257,8 +251,19 @@ class CycleRecord:
         """Return the positions (n,) [rad or m]."""
         return self._numbers[self._first:self._first + self._n]
 
+    @cached_property
+    def _by_twins(self) -> list[tuple[Array, Array]]:
+        """Return the error of each task that has a twin, and the keys of its rows, if any."""
+        self._at = int(self._head[3])
+        found = []
+        for twins in self.layout.twins:
+            for _ in filter(None, twins):
+                rows, keyed = map(int, self._take(2).tolist())
+                found.append((self._take(rows), self._take(rows * keyed)))
+        return found
+
     def _group(self, tasks: list[tuple[Task, Twin | None]], given: Iterator[Evaluation],
-               errors: Iterator[Array]) -> list[Evaluation]:
+               compiled: Iterator[tuple[Array, Array]]) -> list[Evaluation]:
         """Return the evaluations of the tasks of the next level."""
         count, bounded, _, masked, weighted = map(int, self._take(5).tolist())
         self._take(self._n * masked)
@@ -268,14 +273,16 @@ class CycleRecord:
         v, upper = self._take(m), self._take(m) if bounded else None
         self._take(m * weighted)
         found, first = [], 0
-        for (task, twin), (rows, every_joint), error in zip(tasks, parts, errors):
+        for (task, twin), (rows, every_joint) in zip(tasks, parts):
             if twin is None:
                 found.append(next(given))
             else:
+                error, keys = next(compiled)
                 its = slice(first, first + rows)
                 level = Level(J[its], v[its], twin.mode, is_identity=bool(every_joint)) \
                     if upper is None else Level(J[its], lower=v[its], upper=upper[its])
-                found.append(task.complete(Evaluation(task, level, error, task.row_names)))
+                found.append(task.complete(Evaluation(task, level, error,
+                                                      task.row_names_of(keys))))
             first += rows
         return found
 

@@ -124,7 +124,6 @@ struct ValueBounds {
   double return_speed = 0.0, jump = 0.0;
 };
 
-// A task whose rows are the same in all cycles.
 class BoundedTask : public Task {
  public:
   // `history`: numbers of the last cycle, see `History`.
@@ -134,32 +133,39 @@ class BoundedTask : public Task {
   bool bounded() const override { return true; }
 
   bool fits(const Motion &motion) const override {
-    return memory_.size() == 1 + motion.q().size() + 2 * size_t(rows()) * motion.n;
+    return memory_.size() == 1 + motion.q().size() + 2 * size_t(most_rows()) * width(motion);
   }
 
  protected:
   ValueBounds bounds_;
 
+  // Columns of a row in the history.
+  virtual size_t width(const Motion &motion) const { return size_t(motion.n); }
+
   // Error and bounds of values (m,) whose J is in `out`; `motion` (m,): their velocities for a
   // robot at rest.
   void bound(const Situation &at, const double *value, const double *motion, const Rows &out) {
-    const int n = at.motion->n;
     const double *before = note(at, out.J);
-    for (int i = 0; i < rows(); ++i) {
-      const bounded::RowBounds its = bounded::row_bounds(
-          value[i], bounds_.lower[i], bounds_.upper[i], law_.gain[i], bounds_.return_speed,
-          motion[i], bounded::Row(out.J + i * n, before + i * n, at.velocity, n, bounds_.jump));
-      out.error[i] = its.error;
-      out.lower[i] = its.least;
-      out.upper[i] = its.most;
-    }
+    for (int i = 0; i < rows(); ++i)
+      bound(at, i, value[i], motion[i], before + i * at.motion->n, out);
   }
 
- private:
+  // Error and bounds of a row; `before`: its J in the cycle before.
+  void bound(const Situation &at, int i, double value, double motion, const double *before,
+             const Rows &out) const {
+    const int n = at.motion->n;
+    const bounded::RowBounds its = bounded::row_bounds(
+        value, bounds_.lower[i], bounds_.upper[i], law_.gain[i], bounds_.return_speed, motion,
+        bounded::Row(out.J + i * n, before, at.velocity, n, bounds_.jump));
+    out.error[i] = its.error;
+    out.lower[i] = its.least;
+    out.upper[i] = its.most;
+  }
+
   // Remember the J of a cycle, perhaps not for the first time, and return that of the one before.
   const double *note(const Situation &at, const double *J) {
     const std::vector<double> &q = at.motion->q();
-    const size_t size = size_t(rows()) * at.motion->n;
+    const size_t size = size_t(most_rows()) * width(*at.motion);
     double &now = memory_[0], *place = &now + 1, *latest = place + q.size(), *before = latest + size;
     if (std::isnan(now)) std::copy(J, J + size, before);
     else if (now != at.now || !std::equal(q.begin(), q.end(), place))

@@ -34,10 +34,7 @@ Placement seen_from(Motion &motion, const Placement &its, int reference, double 
   }
   Placement found;
   apply_transposed(from.R, between, found.p);
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j)
-      found.R[3 * i + j] = from.R[i] * its.R[j] + from.R[3 + i] * its.R[3 + j]
-          + from.R[6 + i] * its.R[6 + j];
+  multiply_transposed(from.R, its.R, found.R);
   return found;
 }
 
@@ -55,10 +52,10 @@ struct FrameGoal {
 };
 
 // Pose, position and orientation; without a goal a velocity alone.
-class FrameTask : public TurningTask {
+class FrameTask : public Task {
  public:
   FrameTask(Law law, int frame, int reference, const char *rows, const FrameGoal &goal, Kept turn)
-      : TurningTask(std::move(law), turn), frame_(frame), reference_(reference), goal_(goal) {
+      : Task(std::move(law), turn), frame_(frame), reference_(reference), goal_(goal) {
     std::copy(rows, rows + Task::rows(), rows_);
   }
 
@@ -101,7 +98,7 @@ class FrameTask : public TurningTask {
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) turn[3 * i + j] = dot(goal_.R + 3 * i, its.R + 3 * j);
     rotation_vector(turn, vector);
-    follow(vector);
+    follow(memory_, vector);
   }
 
   int frame_, reference_;                // −1: the root

@@ -10,18 +10,12 @@
 
 namespace {
 
-class TurningTask : public Task {
- public:
-  // `kept`: the last rotation vector (3,), and whether there is one; none where nothing turns.
-  TurningTask(Law law, Kept kept) : Task(std::move(law), kept) {}
-
- protected:
-  // Keep to the direction of the turn before.
-  void follow(double *vector) {
-    if (memory_[3] != 0.0) shorter_rotation(memory_.data(), vector);
-    std::copy(vector, vector + 3, memory_.begin());
-    memory_[3] = 1.0;
-  }
-};
+// Keep to the direction of the turn before; `memory`: the last rotation vector (3,), and whether there
+// is one.
+void follow(Memory &memory, double *vector) {
+  if (memory[3] != 0.0) shorter_rotation(memory.data(), vector);
+  std::copy(vector, vector + 3, memory.data());
+  memory[3] = 1.0;
+}
 
 }  // namespace

@@ -22,10 +22,10 @@ struct PointingAxis {
   bool is_upright;
 };
 
-class AxisTask : public TurningTask {
+class AxisTask : public Task {
  public:
   AxisTask(Law law, const PointingAxis &axis, const Aim &aim, Kept turn)
-      : TurningTask(std::move(law), turn), axis_(axis), aim_(aim) {}
+      : Task(std::move(law), turn), axis_(axis), aim_(aim) {}
 
   bool fits(const Motion &motion) const override {
     return std::max(axis_.frame, aim_.reference) < int(motion.frames.size());
@@ -46,7 +46,7 @@ class AxisTask : public TurningTask {
     const Sight sight(aim_, motion, its.p, J);
     apply(its.R, axis_.its, axis);
     turn_between(axis, sight.direction, turn);
-    follow(turn);
+    follow(memory_, turn);
     for (int i = 0; i < 2; ++i) {
       apply(its.R, axis_.across + 3 * i, about + 3 * i);
       out.error[i] = dot(about + 3 * i, turn);

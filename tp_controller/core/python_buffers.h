@@ -41,14 +41,16 @@ inline bool is_double(const Py_buffer &view) {
 // An array of doubles that Python owns.
 class Buffer {
  public:
-  explicit Buffer(PyObject *object, int flags = PyBUF_STRIDES | PyBUF_FORMAT) {
+  // `most`: its largest extent.
+  explicit Buffer(PyObject *object, int flags = PyBUF_STRIDES | PyBUF_FORMAT,
+                  Py_ssize_t most = MOST) {
     if (!object || PyObject_GetBuffer(object, &view_, flags) != 0) {
       PyErr_Clear();
       return;
     }
     held_ = true;
     fits_ = is_double(view_);
-    for (int d = 0; fits_ && d < view_.ndim; ++d) fits_ = view_.shape[d] <= MOST;
+    for (int d = 0; fits_ && d < view_.ndim; ++d) fits_ = view_.shape[d] <= most;
   }
   Buffer(const Buffer &) = delete;
   ~Buffer() {
@@ -121,8 +123,8 @@ inline bool read_mask(PyObject *object, Py_ssize_t size, double *found) {
 // An array of doubles, in the order of C, that is filled in.
 class Output : public Buffer {
  public:
-  explicit Output(PyObject *object)
-      : Buffer(object, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) {
+  explicit Output(PyObject *object, Py_ssize_t most = MOST)
+      : Buffer(object, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE, most) {
     fits_ = fits_ && reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(double) == 0;
   }
 

@@ -11,8 +11,9 @@
 
 namespace {
 
-// Constant of the reference.
+// Constants of the reference.
 constexpr double HALF_TURN_BAND = 0.1;
+constexpr double SMALL_ANGLE = 1e-4;
 
 constexpr double PI = 3.14159265358979323846;
 // Half of an angle below which its sine is the angle, to the last digit.
@@ -47,6 +48,13 @@ inline void multiply(const double *A, const double *B, double *C) {
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       C[3 * i + j] = A[3 * i] * B[j] + A[3 * i + 1] * B[3 + j] + A[3 * i + 2] * B[6 + j];
+}
+
+// C = Aᵀ B
+inline void multiply_transposed(const double *A, const double *B, double *C) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      C[3 * i + j] = A[i] * B[j] + A[3 + i] * B[3 + j] + A[6 + i] * B[6 + j];
 }
 
 // The rotation by an angle about an axis of length 1 (Rodrigues).
@@ -94,6 +102,21 @@ void rotation_vector(const double *R, double *vector) {
   const double share = size > TINY_HALF_ANGLE * std::fabs(w) ? 2.0 * std::atan2(size, std::fabs(w)) / size
                                                   : 2.0 / std::fabs(w);
   for (int k = 0; k < 3; ++k) vector[k] = sign * share * v[k];
+}
+
+// The matrix from an angular velocity to the rate of a rotation vector.
+void vector_rate_matrix(const double *r, double *L) {
+  const double square = dot(r, r), angle = std::sqrt(square), half = 0.5 * angle;
+  const double share = angle > SMALL_ANGLE ? (1.0 - half / std::tan(half)) / square : 1.0 / 12.0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      L[3 * i + j] = share * r[i] * r[j] + (i == j ? 1.0 - share * square : 0.0);
+  L[1] += 0.5 * r[2];
+  L[2] -= 0.5 * r[1];
+  L[3] -= 0.5 * r[2];
+  L[5] += 0.5 * r[0];
+  L[6] += 0.5 * r[1];
+  L[7] -= 0.5 * r[0];
 }
 
 // In place.

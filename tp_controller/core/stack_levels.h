@@ -48,18 +48,18 @@ inline const double *weights_of(Arena &arena, const Group &group, const std::vec
 bool join(Arena &arena, const Situation &at, const Group &group, const std::vector<Level> &given,
           size_t &next, std::vector<Level> &levels, std::vector<Rows> &evaluations) {
   const int n = at.motion->n;
-  size_t m = 0, one = next;
-  for (const Task *task : group) m += size_t(task ? task->rows() : given[one++].m);
+  const size_t begin = next;
+  size_t m = 0, most_rows = 0, one = next;
+  for (const Task *task : group) most_rows += size_t(task ? task->most_rows() : given[one++].m);
   const Task *first = group[0];
   const Level *other = first ? nullptr : &given[next];
   const bool bounded = first ? first->bounded() : other->bounded;
   const bool identity = group.size() == 1 && first->is_identity();
-  double *J = identity ? nullptr : arena.take(m * n), *error = arena.take(m);
-  double *v = arena.take(m), *most = bounded ? arena.take(m) : nullptr;
-  levels.push_back({int(m), n, bounded, first ? first->scale() : other->scale, identity, J,
-                    bounded ? nullptr : v, bounded ? v : nullptr, most,
-                    first ? first->joints() : other->joints,
-                    weights_of(arena, group, given, next, m)});
+  double *J = identity ? nullptr : arena.take(most_rows * n), *error = arena.take(most_rows);
+  double *v = arena.take(most_rows), *most = bounded ? arena.take(most_rows) : nullptr;
+  Level level = {0, n, bounded, first ? first->scale() : other->scale, identity, J,
+                 bounded ? nullptr : v, bounded ? v : nullptr, most,
+                 first ? first->joints() : other->joints, nullptr};
   for (Task *task : group) {
     size_t rows;
     if (task) {
@@ -74,7 +74,11 @@ bool join(Arena &arena, const Situation &at, const Group &group, const std::vect
     error += rows;
     v += rows;
     if (most) most += rows;
+    m += rows;
   }
+  level.m = int(m);
+  level.weights = weights_of(arena, group, given, begin, m);
+  levels.push_back(level);
   return true;
 }
 

@@ -127,7 +127,8 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
 
 // Call with the numbers of each level: how many tasks, whether it has bounds, is scaled, has a mask,
 // has weights; the mask; rows of each task, and whether its J is the identity; J, unless it is the
-// identity; v, or bounds; the weights. Then with the error of each task that has a twin.
+// identity; v, or bounds; the weights. Then of each task that has a twin: its rows, whether these have
+// keys; the error, and the keys.
 template <typename Put>
 void put_levels(const ControlCycle &cycle, Put put) {
   auto level = cycle.solver.levels.begin();
@@ -156,8 +157,13 @@ template <typename Put>
 void put_errors(const ControlCycle &cycle, Put put) {
   auto evaluation = cycle.evaluations.begin();
   for (const Group &group : cycle.groups())
-    for (const Task *task : group)
-      if (task) put((evaluation++)->error, size_t(task->rows()));
+    for (const Task *task : group) {
+      if (!task) continue;
+      const double its[2] = {double(task->rows()), double(task->keys() != nullptr)};
+      put(its, 2);
+      put((evaluation++)->error, size_t(task->rows()));
+      if (task->keys()) put(task->keys()->data(), size_t(task->rows()));
+    }
 }
 
 // One cycle as a row of doubles, which `CycleRecord` of the reference reads: memory, factor of

@@ -54,13 +54,34 @@ struct Kept {
   size_t size = 0;
 };
 
+// These numbers during a cycle.
+class Memory {
+ public:
+  explicit Memory(Kept kept) : numbers_(kept.size), kept_(kept.numbers) {}
+
+  // Read what the cycle before left, and keep what the next one needs.
+  void begin() { if (kept_) std::copy(kept_, kept_ + size(), data()); }
+  void keep() const { std::copy(numbers_.begin(), numbers_.end(), kept_); }
+
+  size_t size() const { return numbers_.size(); }
+  double *data() { return numbers_.data(); }
+  double &operator[](size_t i) { return numbers_[i]; }
+
+ private:
+  std::vector<double> numbers_;
+  double *kept_;
+};
+
 class Task {
  public:
-  explicit Task(Law law, Kept kept = {})
-      : law_(std::move(law)), memory_(kept.size), kept_(kept.numbers) {}
+  explicit Task(Law law, Kept kept = {}) : law_(std::move(law)), memory_(kept) {}
   virtual ~Task() = default;
 
-  int rows() const { return law_.rows; }
+  // Rows of the last evaluation, and the most that there may be.
+  int rows() const { return keys() ? int(keys()->size()) : most_rows(); }
+  int most_rows() const { return law_.rows; }
+  // Identifiers of the rows, where these change from cycle to cycle.
+  virtual const std::vector<double> *keys() const { return nullptr; }
   bool scale() const { return law_.scale; }
   const double *joints() const { return law_.joints.empty() ? nullptr : law_.joints.data(); }
   const double *weights() const { return law_.weights.empty() ? nullptr : law_.weights.data(); }
@@ -72,9 +93,8 @@ class Task {
 
   // Whether the task is one of this robot.
   virtual bool fits(const Motion &motion) const = 0;
-  // Read what the cycle before left, and keep what the next one needs.
-  void begin() { if (kept_) std::copy(kept_, kept_ + memory_.size(), memory_.begin()); }
-  void keep() const { std::copy(memory_.begin(), memory_.end(), kept_); }
+  virtual void begin() { memory_.begin(); }
+  virtual void keep() const { memory_.keep(); }
   // Set a goal, its numbers row by row; false, and nothing has changed, where it is none of the task.
   virtual bool set_goal(const double *, size_t) { return false; }
   // Set a goal that moves, and its velocity, both as before; false, and nothing has changed, where
@@ -91,10 +111,7 @@ class Task {
 
  protected:
   Law law_;
-  std::vector<double> memory_;
-
- private:
-  double *kept_;
+  Memory memory_;
 };
 
 }  // namespace

@@ -7,35 +7,42 @@
 #pragma once
 
 #include "center_of_mass_task.h"
+#include "com_polygon_task.h"
 #include "cone_task.h"
 #include "frame_task.h"
 #include "joint_limit_distance_task.h"
 #include "joint_limits_task.h"
 #include "motion_object.h"
+#include "orientation_range_task.h"
 #include "pointing_task.h"
 #include "region_task.h"
+#include "solver_object.h"
 #include "speed_limit_task.h"
 
 namespace {
 
-// A task, and the array of Python that has its memory.
+// A task, and the arrays of Python that have its memory.
 struct TaskTwin {
   std::unique_ptr<Task> task;
-  std::unique_ptr<Output> memory;
+  std::vector<std::unique_ptr<Output>> memory;
 
   bool read_memory(PyObject *object) {
-    memory.reset(new Output(object));
-    return memory->rows(1) >= 0;
+    memory.emplace_back(new Output(object, MOST * MOST));
+    return memory.back()->rows(1) >= 0;
   }
 
-  Kept kept() const { return memory ? Kept{memory->p(), size_t(memory->rows(1))} : Kept{}; }
+  // The array that was read last.
+  Kept kept() const {
+    return memory.empty() ? Kept{} : Kept{memory.back()->p(), size_t(memory.back()->rows(1))};
+  }
 };
 
-// A number for each row, or one for all.
+// A number for each row, or one for all, also in an array.
 bool read_rows_of(PyObject *object, int rows, std::vector<double> &found) {
   const Buffer buffer(object);
-  if (!buffer.is_number() && !buffer.is(rows)) return false;
-  for (int i = 0; i < rows; ++i) found.push_back(buffer.is_number() ? buffer.number() : buffer.at(i));
+  if (!buffer.is_number() && !buffer.is(1) && !buffer.is(rows)) return false;
+  for (int i = 0; i < rows; ++i)
+    found.push_back(buffer.is_number() ? buffer.number() : buffer.at(buffer.is(1) ? 0 : i));
   return true;
 }
 
@@ -99,15 +106,20 @@ bool read_frame_task(PyObject *object, Law law, TaskTwin &twin) {
   return true;
 }
 
-// Indices of velocities, as numbers, and whether these are all in their order.
-bool read_columns(PyObject *object, int rows, bool all, JointColumns &columns) {
+// Indices, as numbers, one for each row.
+bool read_indices(PyObject *object, int rows, std::vector<int> &found) {
   std::vector<double> numbers;
   if (!read_all(object, numbers) || numbers.size() != size_t(rows)) return false;
-  columns.all = all;
-  columns.at.resize(numbers.size());
+  found.resize(numbers.size());
   for (size_t i = 0; i < numbers.size(); ++i)
-    if (!whole(numbers[i], 0, int(MOST) - 1, columns.at[i])) return false;
+    if (!whole(numbers[i], 0, int(MOST) - 1, found[i])) return false;
   return true;
+}
+
+// Indices of velocities, and whether these are all in their order.
+bool read_columns(PyObject *object, int rows, bool all, JointColumns &columns) {
+  columns.all = all;
+  return read_indices(object, rows, columns.at);
 }
 
 // (columns, all, goal or None, wraps)
@@ -262,6 +274,44 @@ bool read_cone_task(PyObject *object, Law law, TaskTwin &twin) {
   return true;
 }
 
+// (frame, reference, axes, goal, turn, bounds)
+bool read_orientation_range_task(PyObject *object, Law law, TaskTwin &twin) {
+  int frame, reference;
+  const char *axes;
+  Py_ssize_t m;
+  PyObject *given, *turn, *limits;
+  FrameGoal goal;
+  ValueBounds bounds;
+  if (!PyArg_ParseTuple(object, "iiy#OOO!", &frame, &reference, &axes, &m, &given, &turn,
+                        &PyTuple_Type, &limits)
+      || m != law.rows || m > 3 || frame < 0 || reference < -1 || !read_goal(given, goal)
+      || !goal.is_rotation || !read_turn(turn, twin)) return false;
+  for (Py_ssize_t i = 0; i < m; ++i)
+    if (axes[i] < 0 || axes[i] > 2) return false;
+  const Kept direction = twin.kept();
+  if (!read_bounds(limits, law.rows, bounds, twin)) return false;
+  twin.task.reset(new OrientationRangeTask(std::move(law), std::move(bounds), twin.kept(), direction,
+                                           frame, reference, axes, goal.R));
+  return true;
+}
+
+// (frames, points, horizontal axes, bounds)
+bool read_com_polygon_task(PyObject *object, Law law, TaskTwin &twin) {
+  PyObject *frames, *points, *axes, *limits;
+  ValueBounds bounds;
+  Contacts contacts;
+  if (!PyArg_ParseTuple(object, "OOOO!", &frames, &points, &axes, &PyTuple_Type, &limits)
+      || !read_indices(frames, law.rows, contacts.frames)
+      || !read_rows(points, 3, contacts.points)
+      || contacts.points.size() != 3 * contacts.frames.size()
+      || !finite(contacts.points.data(), int(contacts.points.size()))
+      || !read_vectors(axes, 2, contacts.horizontal)
+      || !read_bounds(limits, law.rows, bounds, twin)) return false;
+  twin.task.reset(new ComPolygonTask(std::move(law), std::move(bounds), twin.kept(),
+                                     std::move(contacts)));
+  return true;
+}
+
 // Task(kind, law, inputs): ValueError where they do not fit.
 PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   using Reader = bool (*)(PyObject *, Law, TaskTwin &);
@@ -269,7 +319,7 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
   const Reader readers[] = {read_frame_task, read_joint_task, read_joint_limits_task,
                             read_axis_task, read_center_of_mass_task, read_speed_limit_task,
                             read_region_task, read_joint_limit_distance_task,
-                            read_cone_task};
+                            read_cone_task, read_orientation_range_task, read_com_polygon_task};
   int kind;
   PyObject *law, *inputs;
   if (!PyArg_ParseTuple(given, "iO!O!", &kind, &PyTuple_Type, &law, &PyTuple_Type, &inputs))
@@ -279,7 +329,8 @@ PyObject *make_task(PyTypeObject *type, PyObject *given, PyObject *) {
     Law its;
     if (kind >= 0 && kind < int(std::size(readers)) && read_law(law, its)) {
       // The twist of the goal, or a velocity of each row.
-      const Reader twisted[] = {read_axis_task, read_region_task, read_cone_task};
+      const Reader twisted[] = {read_axis_task, read_region_task, read_cone_task,
+                                read_orientation_range_task};
       const bool has_twist = std::count(std::begin(twisted), std::end(twisted), readers[kind]);
       const size_t fed = has_twist ? 6 : size_t(its.rows);
       if ((its.feed_forward.empty() || its.feed_forward.size() == fed)
@@ -300,18 +351,18 @@ bool fits(const Task &task, const Motion &motion) {
 
 // evaluate(motion, positions, velocity, now, error, J, v, upper): fill in error (m,), J (m, n) and
 // v (m,) of a demand, whose upper is None; of bounds v is the lower one. False where something does
-// not fit.
+// not fit, or the number of rows changes from cycle to cycle.
 PyObject *task_evaluate(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 8)
     return refuse("evaluate(motion, positions, velocity, now, error, J, v, upper)");
   Task &task = *of<TaskTwin>(self).task;
-  const int m = task.rows();
+  const int m = task.most_rows();
   const Buffer positions(given[1]), velocity(given[2]);
   const double now = PyFloat_AsDouble(given[3]);
   PyErr_Clear();
   const Output error(given[4]), J(given[5]), v(given[6]), upper(task.bounded() ? given[7] : nullptr);
   Motion *motion = find<Motion>(given[0]);
-  if (!motion || !positions.is(motion->n) || !velocity.is(motion->n) || !error.is(m)
+  if (!motion || task.keys() || !positions.is(motion->n) || !velocity.is(motion->n) || !error.is(m)
       || !J.is(m, motion->n) || !v.is(m) || !(task.bounded() ? upper.is(m) : given[7] == Py_None)
       || !fits(task, *motion)) return Py_NewRef(Py_False);
   double at[MOST], moving[MOST];

@@ -68,11 +68,13 @@ def convex_hull(points: Array) -> NDArray[np.intp]:
     """
     Return the corners of the convex hull of points (k, 2), anticlockwise, as indices (m,).
 
-    Collinear points have two corners, and points that coincide one (Andrew's monotone chain).
+    Collinear points have two corners, and points that coincide one (Andrew's monotone chain). The
+    first corner is the one with the lowest index, so that rounding errors do not choose it.
     """
     order = np.lexsort((points[:, 1], points[:, 0])).tolist()
-    corners = [*_chain(points, order), *_chain(points, reversed(order))]
-    return np.array(corners or order[:1])
+    corners = [*_chain(points, order), *_chain(points, reversed(order))] or order[:1]
+    start = corners.index(min(corners))
+    return np.array(corners[start:] + corners[:start])
 
 
 def _chain(points: Array, order: Iterable[int]) -> list[int]:

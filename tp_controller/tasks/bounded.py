@@ -73,6 +73,8 @@ class History:
     robot : Robot
     rows : int
         Number of rows at first.
+    width : int
+        Number of columns of a row.
 
     Attributes
     ----------
@@ -82,9 +84,9 @@ class History:
 
     """
 
-    def __init__(self, robot: Robot, rows: int) -> None:
-        self._place, self._n = 1 + robot.nq, robot.n
-        self.numbers = np.full(self._place + 2 * rows * robot.n, math.nan)
+    def __init__(self, robot: Robot, rows: int, width: int) -> None:
+        self._place, self._n = 1 + robot.nq, width
+        self.numbers = np.full(self._place + 2 * rows * width, math.nan)
         self._keys: Sequence[Hashable] | None = None
 
     def copy(self) -> 'History':
@@ -194,7 +196,7 @@ class BoundedTask(Task):
                  upper: float | Array = np.inf, **given: Any) -> None:
         self.lower, self.upper = lower, upper
         super().__init__(robot, name, units, keys, **given)
-        self._history = History(robot, self.rows)
+        self._history = History(robot, self.rows, robot.n)
 
     @abstractmethod
     def observe(self, state: RobotState) -> tuple[Array, Array]:

@@ -3,7 +3,8 @@
 
 """Support polygon that the centre of mass stays above."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from tp_controller.model.robot import Robot
@@ -11,9 +12,10 @@ from tp_controller.model.spatial import Array, skews
 from tp_controller.model.state import RobotState
 from tp_controller.model.support_polygon import Edges, support_edges
 from tp_controller.tasks.aim import across, parse_axis
-from tp_controller.tasks.bounded import BoundedTask, distance_back, Observation
+from tp_controller.tasks.bounded import BoundedTask, distance_back, History, Observation
 from tp_controller.tasks.keys import finite_vector, Keys, non_negative, UnitRows
 from tp_controller.tasks.sketch import arrow, Dot, Path, Sketch
+from tp_controller.tasks.twin import COM_POLYGON, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 DEFAULT_EDGE_MARGIN = 0.02
@@ -23,6 +25,27 @@ FEWEST_CONTACTS, MOST_CONTACTS = 3, 32
 LEAST_WIDTH = 1e-3
 # Name of the row of contacts that are all on one line, which support nothing beside it.
 ON_ONE_LINE = 'contacts on one line'
+
+
+class EdgeHistory(History):
+    """
+    `History` of the edges of a support polygon, in the same array whatever their number.
+
+    Each has the row of the contact at its first end, with its key in one more column; −1 marks a
+    contact at which no edge begins.
+    """
+
+    def __init__(self, robot: Robot, contacts: int) -> None:
+        super().__init__(robot, contacts, robot.n + 1)
+        self._contacts = contacts
+
+    def note(self, now: float, q: Array, seen: Observation) -> Array:
+        """Record a cycle; see `History`."""
+        keys = np.array(seen.keys)
+        first, noted = keys // (2 * self._contacts), np.full((self._contacts, self._n), -1.0)
+        noted[first] = np.column_stack((seen.J, keys))
+        before = super().note(now, q, Observation(seen.value, noted))[first]
+        return np.where(before[:, -1:] == keys[:, np.newaxis], before[:, :-1], seen.J)
 
 
 class ComPolygon(BoundedTask):
@@ -56,6 +79,10 @@ class ComPolygon(BoundedTask):
         'direction against gravity in the root: x, -x, y, -y, z, -z or three numbers', parse_axis,
         'z')
 
+    def __init__(self, *arguments: Any, **keys: Any) -> None:
+        super().__init__(*arguments, **keys)
+        self._history = EdgeHistory(self.robot, len(self._names))
+
     def check_keys(self, keys: Keys) -> None:
         """Set the bound."""
         super().check_keys(keys)
@@ -83,11 +110,24 @@ class ComPolygon(BoundedTask):
         near = (1.0 - share) * J_contacts[edges.first] + share * J_contacts[edges.last]
         directions = edges.normals.dot(self._horizontal)[:, np.newaxis]
         J = (directions @ (state.center_of_mass()[1] - near))[:, 0]
-        if edges.flat:
-            return Observation(edges.distances, J, [ON_ONE_LINE], [ON_ONE_LINE])
-        keys = list(zip(edges.first.tolist(), edges.last.tolist()))
-        return Observation(edges.distances, J, [
-            f'{self._names[first]} – {self._names[last]}' for first, last in keys], keys)
+        count = len(self._names)
+        keys = (2 * count * edges.first + edges.last + count * edges.flat).tolist()
+        return Observation(edges.distances, J, self.row_names_of(keys), keys)
+
+    def row_names_of(self, keys: Iterable[float]) -> Sequence[str]:
+        """Return the names of edges by their keys; see `Task`."""
+        count = len(self._names)
+        ends = [divmod(int(key), 2 * count) for key in keys]
+        return [ON_ONE_LINE if last >= count else f'{self._names[first]} – {self._names[last]}'
+                for first, last in ends]
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        index, count = self.robot.kinematics.frame_index, len(self._names)
+        frames = [float(index(frame)) for frame, points in self.contacts.items() for _ in points]
+        return make_twin(COM_POLYGON, (count, *self._law()[1:]), (
+            np.array(frames), np.concatenate(list(self.contacts.values())), self._horizontal,
+            self._limits()), self.mode)
 
     def sketch(self, state: RobotState) -> Sequence[Sketch]:
         """Return centre of mass, plumb line, polygon, and an arrow from the line to the bounds."""

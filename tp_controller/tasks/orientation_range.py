@@ -13,17 +13,25 @@ from tp_controller.errors import GoalError
 from tp_controller.model.spatial import (
     Array,
     pose,
+    read_only,
     rotation_from_vector,
     rotation_vector,
     vector_rate_matrix,
 )
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.bounded import BoundedTask
-from tp_controller.tasks.frame import frame_key, parse_axes, reference_key, RelativeFrame
+from tp_controller.tasks.frame import (
+    frame_and_reference,
+    frame_key,
+    parse_axes,
+    reference_key,
+    RelativeFrame,
+)
 from tp_controller.tasks.keys import finite_vector, Keys, positive
 from tp_controller.tasks.orientation import parse_rotation, RotationTask, TurningTask
 from tp_controller.tasks.sketch import arc, AXES_LENGTH, Path, Sketch
 from tp_controller.tasks.task import Task
+from tp_controller.tasks.twin import make_twin, ORIENTATION_RANGE, Twin
 from tp_controller.tasks.yaml_keys import DEFAULT_TIMEOUT, yaml_key
 
 SomeTask = TypeVar('SomeTask', bound='OrientationRange')
@@ -97,6 +105,14 @@ class OrientationRange(TurningTask, RotationTask, BoundedTask):
         """Return the rates of the values due to the motion of the goal, (m,) or 0 [rad/s]."""
         twist = self.feed_forward(now)
         return 0.0 if twist is None else -self._rates(self._turn(state)).dot(twist[3:])
+
+    def make_twin(self) -> Twin | None:
+        """Return the inputs in the compiled core; see `Task`."""
+        if not isinstance(self.goal, np.ndarray):
+            return None
+        return make_twin(ORIENTATION_RANGE, self._law(), (
+            *frame_and_reference(self.robot, self.frame, self.reference), bytes(self._rows),
+            read_only(self.goal), self._rotation_error.memory, self._limits()), self.mode)
 
     def goal_pose(self, state: RobotState) -> Array:
         """Return the desired orientation at the origin of the frame (4, 4)."""

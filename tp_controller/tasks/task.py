@@ -223,8 +223,9 @@ class Task(TwinHolder):
             evaluation.level.joints = self.joint_mask
         if self.row_weights is not None:
             weights = self.row_weights
+            # One number also stands for rows that change from cycle to cycle.
             evaluation.level.weights = np.full(len(evaluation.level.J), weights) \
-                if weights.ndim == 0 else weights
+                if weights.size == 1 else weights
         return evaluation
 
     def _evaluation_by_twin(self, state: RobotState, now: float) -> Evaluation | None:
@@ -244,6 +245,10 @@ class Task(TwinHolder):
         level = Level(J, v, self.mode, is_identity=self.every_joint) if upper is None else \
             Level(J, lower=v, upper=upper)
         return Evaluation(self, level, error, self.row_names)
+
+    def row_names_of(self, keys: Array) -> Sequence[str]:
+        """Return the names of the rows by the keys that a twin gives them; see `row_names`."""
+        return self.row_names
 
     def level(self, state: RobotState, now: float) -> Level:
         """Return the `Level` alone; a type may override this in place of `make_evaluation`."""

@@ -19,7 +19,7 @@ from tp_controller.solver.level import Mask
 
 # Kinds of twins, in the order of the readers in task_object.h.
 (FRAME, JOINTS, JOINT_LIMITS, AXIS, CENTER_OF_MASS, SPEED_LIMIT, REGION, JOINT_LIMIT_DISTANCE,
- CONE) = range(9)
+ CONE, ORIENTATION_RANGE, COM_POLYGON) = range(11)
 # rows, whether the mode is ``scale``, gain, feed-forward velocity (or the twist of the
 # goal), its time of arrival, timeout, mask of the joints, weights of the rows
 Law: TypeAlias = tuple[int, bool, Array, Array | None, float, float, Mask | None, Array | None]
@@ -33,8 +33,8 @@ class CompiledTask(Protocol):
         """
         Fill in error (m,), J (m, n) and demand v (m,), or lower and upper bounds (m,).
 
-        Return False if arguments do not fit, or the feed-forward velocity has timed out: the
-        reference then evaluates the task.
+        Return False if arguments do not fit, the feed-forward velocity has timed out, or the
+        number of rows changes from cycle to cycle: the reference then evaluates the task.
         """
 
     def move_goal(self, goal: Array, velocity: Array, now: float) -> bool:

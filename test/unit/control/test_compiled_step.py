@@ -42,7 +42,9 @@ STACKS = {
               'at: [0.55, 0.1, 0.3]}, cell: {type: keep_in, frame: panda_link4, '
               'shape: {box: [0.4, 0.4, 1.2]}, at: [0, 0, 0.4]}]\n'
               + STACK.partition('- posture')[0]
-              + f'- view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.3, '
+              + f'- range: {{type: orientation_range, frame: {TOOL}, axes: xz, '
+              'maximum: [0.1, 0.2]}\n'
+              f'- view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.3, '
               'target: [0.5, 0.3, 0.0]}\n- middle: {type: joint_limit_distance, gain: 0.1}\n',
     'Python beside': f'- [most: {{type: manipulability, frame: {TOOL}}}, '
                      f'tool: {{type: position, frame: {TOOL}}}]\n- [posture: {{type: posture}}, '

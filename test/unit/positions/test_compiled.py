@@ -33,6 +33,9 @@ STACKS = {
               'within: 0.6}\n'
               f'- view: {{type: field_of_view, frame: {TOOL}, half_angle: 0.5, '
               'target: [0.5, 0.3, 0.0]}\n- middle: {type: joint_limit_distance, gain: 0.1}\n',
+    'range': f'- range: {{type: orientation_range, frame: {TOOL}, target: [1, 0, 0, 0], '
+             'maximum: [0.5, 0.6, 1.0]}\n'
+             f'- tool: {{type: position, frame: {TOOL}}}\n',
 }
 BASES = ('fixed', 'planar', 'differential', 'underwater', 'floating')
 

@@ -55,6 +55,15 @@ def test_turn_stays_continuous_past_half_a_turn():
     np.testing.assert_allclose(turns, [np.pi - 0.02, np.pi + 0.02], atol=1e-6)
 
 
+def test_evaluation_remembers_the_way_past_half_a_turn():
+    robot = robots.panda()
+    task = OrientationRange(robot, 'task', frame=TOOL, axes='z', maximum=0.3)
+    state = robot.state(robots.PANDA_READY)
+    for angle in (np.pi - 0.02, np.pi + 0.02):
+        task.goal = state.rotation(TOOL) @ Rotation.from_rotvec([0.0, 0.0, -angle]).as_matrix()
+        assert task.evaluate(state, 0.0).error == pytest.approx([0.3 - angle], abs=1e-6)
+
+
 @pytest.mark.parametrize('noise', [0.0, 1e-4])
 def test_frame_half_a_turn_away_comes_back_the_way_it_began(noise):
     robot, rng = robots.panda(), np.random.default_rng(1)
