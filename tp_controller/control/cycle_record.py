@@ -171,7 +171,7 @@ class CycleRecord:
         self._at = self._first + (4 if self._has_demand else 3) * self._n
         found = [self._group(list(zip(*group)), given, compiled)
                  for group in zip(self.layout.active, self.layout.twins)]
-        # Those that Python evaluated have the columns of all joints.
+        # The record has the columns of all joints.
         return evaluations_without(found, self._bounds.standing)
 
     @cached_property

@@ -248,7 +248,7 @@ class ReportedCycle(MeasuredCycle):
 
     def combined_causes(self, index: int) -> list[tuple[str, str]]:
         """Return (kind, name) of what blocks the task at an index together; [] if nothing does."""
-        found = None if self._stands else self._solved.combined_causes(index)
+        found = self._solved.combined_causes(index)
         if found is None:
             return self.search.combined_causes(self.evaluations[index])
         return [self._kind_and_name(KINDS[kind], place) for kind, place in found]
@@ -256,14 +256,9 @@ class ReportedCycle(MeasuredCycle):
     @cached_property
     def _found(self) -> FoundCauses | None:
         """Return the causes that the compiled core finds; none of tasks that are reached."""
-        return None if self._stands else self._solved.causes(np.array([
+        return self._solved.causes(np.array([
             math.inf if self.measures(index).reached else DEMAND_ROUNDING * task.row_scale
             for index, task in enumerate(self._tasks)]))
-
-    @cached_property
-    def _stands(self) -> bool:
-        """Return whether a joint stands, and stays: the core has only levels without it."""
-        return bool(self._solved.options.limits.zero and self._solved.cycle.bounds.standing)
 
     def _kind_and_name(self, kind: str, place: int) -> tuple[str, str]:
         """Return kind and name of a cause; the name is empty where it has none."""

@@ -43,7 +43,7 @@ class Causes {
     if (!(now > std::max(least, SIGNIFICANT_SHARE * demand))) return found_;
     const double lasting = missing(level, variants_.lasting().x);
     size_ = std::max(now, lasting);
-    for (const Removed &candidates : {active_limits(part.level), other_tasks(task)})
+    for (const Removed &candidates : {active_limits(part.level), standing(), other_tasks(task)})
       for (const Removable &each : candidates)
         add_cause(kind_of(each), index_of(each),
                   lasting - missing(level, variants_.without({each})));
@@ -62,7 +62,8 @@ class Causes {
     const Part &part = cycle_.parts[task];
     const Level level = cycle_.of(part);
     Removed removed = other_tasks(task);
-    for (const Removable &each : active_limits(part.level)) removed.push_back(each);
+    for (const Removed &limits : {active_limits(part.level), standing()})
+      removed.insert(removed.end(), limits.begin(), limits.end());
     const double residual = missing(level, variants_.lasting().x);
     const double small = SIGNIFICANT_SHARE * residual;
     double least = missing(level, variants_.without(removed));
@@ -160,8 +161,22 @@ class Causes {
     return false;
   }
 
-  static bool moves(const Level &level, int row, int j) {
-    return level.J ? level.J[size_t(row) * size_t(level.n) + size_t(j)] != 0.0 : row == j;
+  // Joints that stand move nothing but rows of the identity, which demand nothing of them.
+  bool moves(const Level &level, int row, int j) const {
+    if (!level.J) return row == j;
+    return level.J[size_t(row) * size_t(level.n) + size_t(j)] != 0.0
+        && !stands(j);
+  }
+
+  bool stands(int j) const {
+    return std::count(cycle_.standing.begin(), cycle_.standing.end(), j) > 0;
+  }
+
+  // The joints that stand, and stay.
+  Removed standing() const {
+    Removed found;
+    for (int j : cycle_.standing) found.push_back({-1, {j, VELOCITY}});
+    return found;
   }
 
   // All limits that are active in a level of the cycle that lasts, or above it.
@@ -189,6 +204,7 @@ class Causes {
     Removed found;
     for (bool up : {true, false})
       for (int j = 0; j < n_; ++j) {
+        if (stands(j) && !has(removed, {-1, {j, VELOCITY}})) continue;
         const double bound = variants_.bound(j, up, removed);
         if (std::fabs(x[j] - bound) <= SAME_VELOCITY)
           found.push_back({-1, {j, holding(j, up, bound, removed)}});
@@ -313,6 +329,7 @@ class Causes {
   Directions alone_of(const Part &part, const Level &level) {
     const std::vector<Step> &steps = variants_.lasting().steps;
     if (part.level == 0 && !level.bounded && !level.joints && !steps.empty()
+        && cycle_.standing.empty()
         && level.m == cycle_.levels[0].m)
       return steps[0].directions;
     if (!everything_.p) {

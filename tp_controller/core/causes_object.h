@@ -131,6 +131,9 @@ struct CauseSearch {
     cycle.cap = kind.cap.empty() ? nullptr : kind.cap.data();
     cycle.memory.assign(memory.damping(), memory.damping() + levels);
     for (size_t l = 0; l < levels; ++l) record.level(n, cycle);
+    cycle.whole_levels = cycle.levels;
+    kind.limits.standing(cycle.motion, cycle.standing);
+    for (Level &level : cycle.levels) leave_out(solver.arena, cycle.standing, level);
     record.take(record.count(head[4] - head[3]));
     if (head[1] != 0.0) {
       cycle.whole = cycle.slowed < 1.0 ? record.take(n) : (record.take(n), cycle.x);

@@ -25,6 +25,7 @@ inline double share_without(const Level &level, int i, const std::vector<int> &j
 
 // Turn a level into that of a robot whose joints stand still.
 inline void leave_out(Arena &arena, const std::vector<int> &joints, Level &level) {
+  if (joints.empty()) return;
   const size_t m = size_t(level.m);
   if (level.is_identity) {
     double *v = arena.copy(level.v, m);

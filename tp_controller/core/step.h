@@ -77,6 +77,7 @@ class ControlCycle {
   CycleMemory memory;
   std::vector<Level> given;              // levels of the tasks that Python evaluates, in order
   std::vector<Rows> evaluations;         // of the other tasks, in order
+  std::vector<Level> levels;             // of all tasks, with the columns of joints that stand
   double elapsed = 0.0, *lower = nullptr, *upper = nullptr;
   double *demand = nullptr;              // of tasks; none where no limit follows it
 
@@ -107,6 +108,7 @@ class ControlCycle {
             : std::isnan(measured) ? at.now - memory.commanded() : measured, period);
     std::copy(memory.damping(), memory.damping() + groups_.size(),
               std::back_inserter(solver.memory));
+    levels = solver.levels;
     solve_within(at.positions, time);
     Escape escape = memory.escape();
     if (escape.is_due(solver.arena, solver.levels, solver.x, solver.n(), time.now)) return false;
@@ -134,8 +136,7 @@ class ControlCycle {
     upper = solver.arena.take(solver.n());
     JointMotion its = motion(solver.arena, positions, memory, elapsed, time);
     limits.standing(its, standing_);
-    if (!standing_.empty())
-      for (Level &level : solver.levels) leave_out(solver.arena, standing_, level);
+    for (Level &level : solver.levels) leave_out(solver.arena, standing_, level);
     demand = nullptr;
     if (limits.limits.follow_demand()) {
       // First without transient limits: these follow what the tasks demand.

@@ -131,7 +131,7 @@ void read_cycle(ControlCycle &cycle, PyObject *memory, PyObject *levels) {
 // keys; the error, and the keys.
 template <typename Put>
 void put_levels(const ControlCycle &cycle, Put put) {
-  auto level = cycle.solver.levels.begin();
+  auto level = cycle.levels.begin();
   auto given = cycle.given.begin();
   for (const Group &group : cycle.groups()) {
     const double head[5] = {double(group.size()), double(level->bounded), double(level->scale),

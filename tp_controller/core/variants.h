@@ -7,6 +7,7 @@
 #pragma once
 
 #include "settling.h"
+#include "standing_joints.h"
 #include "velocity_limits.h"
 
 namespace {
@@ -23,7 +24,8 @@ struct ActiveLimits {
   unsigned limits;
 };
 
-// A task by its place among all of them, or limits of a joint where that is −1.
+// A task by its place among all of them, or limits of a joint where that is −1; a joint that stands is
+// removed with its velocity limit.
 struct Removable {
   int task;
   ActiveLimits active;
@@ -42,7 +44,8 @@ inline bool has(const Removed &removed, const Removable &one) {
 
 // A cycle that was solved, and the tasks of its levels.
 struct SolvedCycle {
-  std::vector<Level> levels;
+  std::vector<Level> levels, whole_levels;  // without the columns of joints that stand, and with them
+  std::vector<int> standing;
   std::vector<Part> parts;
   std::vector<double> memory;            // before the cycle
   std::vector<Step> steps;               // none where the fast path solved it
@@ -50,9 +53,9 @@ struct SolvedCycle {
   const double *cap, *x, *whole;
   double gain, hold, slowed;             // gain: of position limits
 
-  // The level of a task alone.
+  // The level of a task alone, with the columns of joints that stand.
   Level of(const Part &part) const {
-    Level level = levels[part.level];
+    Level level = whole_levels[part.level];
     const auto from = [&part](const double *rows, int width) {
       return rows ? rows + size_t(part.first) * width : nullptr;
     };
@@ -145,11 +148,13 @@ class Variants {
   // With other rows of J (m, n) of a task.
   const double *with_rows(const Part &part, const double *rows) {
     Variant variant = variant_without({});
-    Level &level = variant.levels[part.level];
+    Level level = cycle_.whole_levels[part.level];
     note_change(variant, part.level);
     double *J = arena().copy(level.J, size_t(level.m) * level.n);
     std::copy(rows, rows + size_t(part.m) * level.n, J + size_t(part.first) * level.n);
     level.J = J;
+    leave_out(arena(), cycle_.standing, level);
+    variant.levels[part.level] = level;
     return velocity(settling_, variant, part.level);
   }
 
@@ -164,9 +169,18 @@ class Variants {
 
   Arena &arena() const { return solver_.arena; }
 
+  // The joints that stand without some limits.
+  std::vector<int> standing_without(const Removed &removed) const {
+    std::vector<int> found;
+    for (int j : cycle_.standing) if (!has(removed, {-1, {j, VELOCITY}})) found.push_back(j);
+    return found;
+  }
+
   // The cycle without some tasks and limits.
   Variant variant_without(const Removed &removed) const {
     Variant variant = {{}, {}, lower_, upper_, cycle_.cap, solver_.shared.directions.size(), true};
+    const std::vector<int> standing = standing_without(removed);
+    const bool same_joints = standing.size() == cycle_.standing.size();
     auto part = cycle_.parts.begin();
     for (size_t l = 0; l < cycle_.levels.size(); ++l) {
       std::vector<const Part *> left;
@@ -175,10 +189,13 @@ class Variants {
         if (has(removed, {int(part - cycle_.parts.begin()), {}})) whole = false;
         else left.push_back(&*part);
       }
-      if (!whole) note_change(variant, l);
+      if (!whole || !same_joints) note_change(variant, l);
       if (left.empty()) continue;
       variant.kept.push_back(l);
-      variant.levels.push_back(whole ? cycle_.levels[l] : level_of(left));
+      variant.levels.push_back(cycle_.levels[l]);
+      if (whole && same_joints) continue;
+      variant.levels.back() = whole ? cycle_.whole_levels[l] : level_of(left);
+      leave_out(arena(), standing, variant.levels.back());
     }
     for (const Removable &each : removed)
       if (each.task < 0) remove_limits(variant, each.active, removed);
@@ -215,7 +232,7 @@ class Variants {
     Level found = cycle_.of(*parts[0]);
     found.is_identity = parts[0]->is_identity;
     if (parts.size() == 1) return found;
-    const Level &whole = cycle_.levels[parts[0]->level];
+    const Level &whole = cycle_.whole_levels[parts[0]->level];
     found = whole;
     found.m = 0;
     for (const Part *part : parts) found.m += part->m;
@@ -241,6 +258,7 @@ class Variants {
 
   // The number of levels that depend on none of some tasks and limits.
   size_t same_levels(const Removed &removed) const {
+    if (standing_without(removed).size() < cycle_.standing.size()) return 0;
     size_t count = cycle_.levels.size();
     for (const Removable &each : removed)
       count = std::min(count, each.task < 0 ? settling_.independent_of(each.active.joint)
