@@ -178,6 +178,7 @@ class Controller(JointInputs):
         self._settings = settings
         self._options = CycleOptions(self.robot, settings, self._limits_with_locks,
                                      self._make_solver)
+        self._states.set_still(self._options.limits.zero)
         self._last = Commanded(self._memory.fit(self._options))
         self.stack.limit_time(settings.task_budget * settings.period)
         self._tasks.switches_off = settings.task_faults != STOP

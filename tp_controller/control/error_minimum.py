@@ -78,6 +78,7 @@ def _is_minimum(evaluation: Evaluation, robot: Robot, place: Place,
     """
     task, (q, passive, now, state) = evaluation.task.probe(), place
     state.update(q, passive)
+    state.still = standing
     motions_left = np.delete(np.eye(robot.n), list(standing), axis=0)
 
     def gradient() -> Array:

@@ -265,7 +265,7 @@ class _Run:
         """Return the state at a configuration, reached at a velocity (n,)."""
         state = self._place.spare
         state.update(q, self._place.passive)
-        state.velocity = velocity
+        state.velocity, state.still = velocity, self.options.limits.zero
         return state
 
 

@@ -57,7 +57,8 @@ def evaluations_without(evaluations: Groups, joints: Sequence[int]) -> Groups:
             for group in evaluations]
 
 
-def whole_levels(evaluations: Groups, place: Place, velocity: Array) -> dict[int, Level]:
+def whole_levels(evaluations: Groups, place: Place, velocity: Array, joints: Sequence[int]
+                 ) -> dict[int, Level]:
     """
     Return {id of the evaluation: level} with the columns of all joints.
 
@@ -71,11 +72,13 @@ def whole_levels(evaluations: Groups, place: Place, velocity: Array) -> dict[int
         Configuration of their cycle.
     velocity : ndarray (n,)
         Last command before the cycle [rad/s or m/s].
+    joints : sequence of int
+        Joints that stand.
 
     """
     state = place.spare
     state.update(place.q, place.passive)
-    state.velocity = velocity
+    state.velocity, state.still = velocity, joints
     found = {}
     for each in (each for group in evaluations for each in group):
         found[id(each)] = each.level

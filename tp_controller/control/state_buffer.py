@@ -3,6 +3,8 @@
 
 """States of the robot in the present and the previous cycle, and frames at the present one."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.control.solved_cycle import SolvedCycle
@@ -42,6 +44,11 @@ class StateBuffer:
         for state in (self._next, self._other, self.spare):
             state.prepare()
         self.passive: Array | None = None
+
+    def set_still(self, joints: Sequence[int]) -> None:
+        """Set the velocities that the robot does not have; see `RobotState.still`."""
+        for state in (self._next, self._other, self.spare):
+            state.still = joints
 
     def update(self, q: ArrayLike, passive: ArrayLike | None, velocity: Array) -> RobotState:
         """

@@ -77,7 +77,8 @@ class Variants:
     @cached_property
     def _whole_levels(self) -> dict[int, Level]:
         """Return the levels of the tasks with the columns of all joints."""
-        return whole_levels(self._evaluations, self._place, self._present.bounds.last)
+        return whole_levels(self._evaluations, self._place, self._present.bounds.last,
+                            self.cycle.standing)
 
     def whole_level(self, evaluation: Evaluation) -> Level:
         """Return the level of a task with the columns of joints that stand, too."""

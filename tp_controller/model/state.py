@@ -35,11 +35,15 @@ class RobotState:
     velocity : ndarray (n,)
         Velocity commanded since the previous state, for tasks that look ahead; zero unless the
         caller sets it [rad/s or m/s].
+    still : sequence of int
+        Indices of the velocities that the robot does not have, such as those of locked joints, for
+        tasks about what it can do; none unless the caller sets them.
 
     """
 
     q: Array
     positions: Array
+    still: Sequence[int] = ()
 
     def __init__(self, kinematics: Kinematics, q: ArrayLike, passive: ArrayLike) -> None:
         self._kinematics = kinematics

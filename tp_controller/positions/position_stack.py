@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
+from tp_controller.positions.locked_robot import fixed
 from tp_controller.solver.level import Level
 from tp_controller.tasks.stack import levels_of, Stack
 from tp_controller.tasks.task import Evaluation
@@ -81,6 +82,7 @@ class PositionStack:
         self.objectives = tuple([all(task.is_objective for task in group)
                                  for group in self.groups])
         self._state = robot.state(robot.neutral())
+        self._state.still = np.flatnonzero(fixed(robot)).tolist()
         self._rows, self._columns = robot.joint_rows, robot.joint_columns
         self._lower, self._upper = robot.lower[self._columns], robot.upper[self._columns]
 

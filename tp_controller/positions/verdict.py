@@ -113,6 +113,7 @@ def reports_at(robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array, 
     tasks = Stack([[attempt(task, at_rest, task, goals.get(task.name)) for task in group]
                    for group in stack.active])
     state = robot.state(q, passive)
+    state.still = np.flatnonzero(still).tolist()
     evaluations = tasks.evaluate(state, 0.0)
     cycle = RestingCycle(free, Solved.after(evaluations, *step(
         Problem(options, levels_of(evaluations), state.positions, 0.0),

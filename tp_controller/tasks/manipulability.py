@@ -22,6 +22,8 @@ class Mobility:
     """
     Yoshikawa's manipulability w = √det(J Jᵀ) of some rows of a frame's Jacobian.
 
+    Joints that stand still, such as locked ones, have no column in J.
+
     Parameters
     ----------
     robot : Robot
@@ -52,10 +54,14 @@ class Mobility:
             ∂w/∂q.
 
         """
-        U, s, V_T = np.linalg.svd(state.jacobian(self._frame)[self._rows], full_matrices=False)
+        # A copy.
+        J, still = state.jacobian(self._frame)[self._rows], list(state.still)
+        J[:, still] = 0.0
+        U, s, V_T = np.linalg.svd(J, full_matrices=False)
         # w J⁺ without a division by singular values, which are zero at a singularity.
         others = np.where(self._own, 1.0, s).prod(axis=1)
         self._weights[self._rows] = (U * others).dot(V_T)
+        self._weights[:, still] = 0.0
         return float(np.prod(s)), state.jacobian_gradient(self._frame, self._weights)
 
 
@@ -86,8 +92,9 @@ class Manipulability(MobilityTask, GradientTask):
     example = {'frame': 'panda_hand_tcp'}
 
     def measure(self, state: RobotState) -> tuple[float, Array]:
-        """Return ln w and its gradient (n,)."""
+        """Return ln w and its gradient (n,), zero for joints that stand still."""
         w, gradient = self._mobility.measure(state)
+        gradient[list(state.still)] = 0.0
         w = max(w, MIN_MANIPULABILITY)
         return float(np.log(w)), gradient / w
 

@@ -27,6 +27,12 @@ STACKS = (
 )
 
 
+# What the robot can do counts as well.
+AGILE = (f'- tool: {{type: position, frame: {TOOL}}}\n'
+         f'- mobile: {{type: manipulability, frame: {TOOL}, axes: [x, y, z, rx], gain: 3.0}}\n')
+MOBILE = f'- mobile: {{type: manipulability_above, frame: {TOOL}, minimum: 0.06}}\n'
+
+
 def panda(**limits):
     """Return a Panda whose joints all have some limits."""
     return Robot.from_file(robots.PANDA_DH, limits=dict.fromkeys(NAMES, limits))
@@ -63,7 +69,7 @@ def shifted(robot, q, way):
 @pytest.mark.parametrize('compiled', [True, False])
 @pytest.mark.parametrize('scaling', ['redistribute', 'uniform'])
 @pytest.mark.parametrize('joint', ['panda_joint2', 'panda_joint4', 'panda_joint7'])
-@pytest.mark.parametrize('text', STACKS[:3])
+@pytest.mark.parametrize('text', [*STACKS[:3], AGILE])
 def test_locked_joint_is_passive(text, joint, scaling, compiled):
     kept = [NAMES.index(name) for name in NAMES if name != joint]
     one = control(text, panda(acceleration=8.0), scaling=scaling)
@@ -86,6 +92,27 @@ def test_locked_joint_is_passive(text, joint, scaling, compiled):
         assert found[NAMES.index(joint)] == 0.0
         np.testing.assert_allclose(found[kept], expected, rtol=0.0, atol=1e-11)
         q = q + T * found
+
+
+def test_locked_joint_counts_again_once_it_is_unlocked():
+    controller, violations = control(MOBILE), []
+    J = controller.robot.state(READY).jacobian(TOOL)
+    for cycle, change in enumerate((controller.lock, controller.unlock)):
+        change(NAMES[3:4], T * cycle)
+        report = controller.update(READY, T * cycle).report
+        violations.append(report.tasks[0].errors[0][0])
+    for found, columns in zip(violations, (np.delete(J, 3, axis=1), J)):
+        w = np.sqrt(np.linalg.det(columns @ columns.T))
+        assert found == pytest.approx(max(1.0 - w / 0.06, 0.0))
+    assert violations[0] > 0.1
+
+
+def test_robot_with_fewer_joints_than_axes_has_no_manipulability():
+    controller = control(f'- mobile: {{type: manipulability, frame: {TOOL}}}\n')
+    controller.lock(NAMES[:2], 0.0)
+    for cycle in range(3):
+        command = controller.update(READY, T * cycle)
+    assert np.abs(command.velocity).max() < 1e-9
 
 
 def test_tool_arrives_without_a_joint_that_is_locked_in_motion():

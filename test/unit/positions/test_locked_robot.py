@@ -40,6 +40,17 @@ def test_locked_joint_stays_where_it_is_and_the_others_reach_the_goal(seed, comp
     np.testing.assert_allclose(robot.state(found.q).pose(TOOL), goal, atol=2e-6)
 
 
+def test_search_does_not_count_what_a_locked_joint_could_do():
+    robot = robots.panda()
+    stack = Stack.from_yaml(f'- mobile: {{type: manipulability_above, frame: {TOOL}, '
+                            'minimum: 0.08}\n', robot)
+    found = solve_position(robot, stack, start=READY, locked=['panda_joint4'])
+    before, after = (np.sqrt(np.linalg.det(J @ J.T)) for J in (
+        np.delete(robot.state(q).jacobian(TOOL), 3, axis=1) for q in (READY, found.q)))
+    assert found.q[3] == READY[3] and after > 1.2 * before
+    assert found.tasks[0].errors[0][0] == pytest.approx(max(1.0 - after / 0.08, 0.0))
+
+
 def test_lock_is_the_reason_where_no_configuration_reaches_the_goal():
     robot = robots.panda()
     stack = Stack.from_yaml(f'- tool: {{type: position, frame: {TOOL}}}', robot)
