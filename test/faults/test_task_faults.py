@@ -624,7 +624,7 @@ def test_all_that_a_task_can_override_is_covered():
     # `evaluate`; for types of this package only; and by trajectories and batches of goals.
     inner = {'level', 'in_rows', 'set_gain', 'parse_tolerance', 'set_tolerance', 'check_keys',
              'set_up', 'weight_names', 'key_ranges', 'complete', 'make_twin', 'watch',
-             'forget_feed_forward', 'move_goal', 'from_rows', 'parse_goals'}
+             'forget_feed_forward', 'move_goal', 'from_rows', 'parse_goals', 'row_names_of'}
     methods = {name for name, member in inspect.getmembers(Task)
                if not name.startswith('_') and (inspect.isfunction(member)
                                                 or inspect.ismethod(member))}

@@ -154,12 +154,15 @@ def test_bounds_are_approached_and_come_back_to_at_the_rate_of_the_gain(name, ke
         strong = moved > 0.05
         np.testing.assert_allclose(level.lower[strong], rate[0][strong])
         np.testing.assert_allclose(level.upper[strong], rate[1][strong])
-        # But for rounding: the core computes its own value.
-        assert (level.lower <= rate[0] + 1e-13).all() and (level.upper >= rate[1] - 1e-13).all()
+        # But for rounding: the core computes its own value. Near half a turn the rotation vector
+        # magnifies it.
+        rounding = 1e-9 if name == 'orientation_range' else 1e-13
+        assert (level.lower <= rate[0] + rounding).all()
+        assert (level.upper >= rate[1] - rounding).all()
         way_back = np.clip(value, task.lower, task.upper) - value
         np.testing.assert_allclose(evaluation.error, way_back)
         (error, unit, tolerance), = task.reported_errors(evaluation.error, None)
-        assert abs(error - np.abs(way_back).max()) < 1e-13
+        assert abs(error - np.abs(way_back).max()) < rounding
         assert unit == task.units[0] and tolerance > 0.0
 
 
