@@ -72,10 +72,10 @@ LEG_READY = (0.0, 0.0, -0.4, 0.8, -0.4, 0.0)
 class Loop:
     """A closed loop with an ideal robot that begins anew whenever it is run."""
 
-    def __init__(self, robot, ready, text, task, goal, approach):
+    def __init__(self, robot, ready, text, task, goal, approach, locked=()):
         self.robot, self.text = robot, text
         self.start = np.array(ready, dtype=float)
-        self.task, self.goal, self.approach = task, goal, approach
+        self.task, self.goal, self.approach, self.locked = task, goal, approach, locked
 
     def run(self):
         """Return microseconds of processor time per cycle."""
@@ -84,6 +84,7 @@ class Loop:
         q = self.start
         controller.update(q, 0.0)
         controller.set_goal(self.task, self.goal, 0.0)
+        controller.lock(self.locked, 0.0)
         spent = 0
         for cycle in range(1, self.approach + CYCLES):
             began = time.thread_time_ns()
@@ -123,15 +124,27 @@ def loops():
         found[f'Panda: {name}'] = (
             Loop(panda, PANDA_READY, text, 'tool', here + [0.0, 0.0, 0.01], BLENDED),
             Loop(panda, PANDA_READY, text, 'tool', goal, APPROACH))
+    T = panda.state(np.array(PANDA_READY)).pose(TOOL).copy()
+    for name, locked in (('pose > posture', ()), ('pose > posture, a joint locked',
+                                                  ('panda_joint3',))):
+        text = f'- tool: {{type: pose, frame: {TOOL}}}\n- posture: {{type: posture, gain: 0.5}}\n'
+        near, far = T.copy(), T.copy()
+        near[2, 3] += 0.01
+        far[:3, 3] += [0.8, 0.3, 0.4]
+        found[f'Panda: {name}'] = (
+            Loop(panda, PANDA_READY, text, 'tool', near, BLENDED, locked),
+            Loop(panda, PANDA_READY, text, 'tool', far, APPROACH, locked))
     talos = load_robot('Talos, 30 joints')
     ready = np.array([*LEG_READY, *LEG_READY, *TALOS_READY])
     hand = talos.state(ready).pose('arm_left_7_link').copy()
     near, far = hand.copy(), hand.copy()
     near[2, 3] += 0.01
     far[:3, 3] += [0.8, 0.3, 0.4]
-    for name, text in (('30 joints, 6 levels', TALOS), ('com_polygon', SUPPORTED)):
-        found[f'Talos: {name}'] = (Loop(talos, ready, text, 'left', near, BLENDED),
-                                   Loop(talos, ready, text, 'left', far, APPROACH))
+    for name, text, locked in (('30 joints, 6 levels', TALOS, ()),
+                               ('a joint locked', TALOS, ('arm_left_3_joint',)),
+                               ('com_polygon', SUPPORTED, ())):
+        found[f'Talos: {name}'] = (Loop(talos, ready, text, 'left', near, BLENDED, locked),
+                                   Loop(talos, ready, text, 'left', far, APPROACH, locked))
     return found
 
 
