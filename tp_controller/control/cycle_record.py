@@ -201,7 +201,7 @@ class CycleRecord:
             solution = Solution(self.velocity, levels, memory)
             return Outcome(solution, solution)
         steps = memoryview(self.numbers)[8 * int(steps_at):]
-        whole = np.frombuffer(steps, count=self._n) if slowed < 1.0 else None
+        whole = np.frombuffer(steps, count=self._n)
         solution = Solution(self.velocity, levels, memory, Record(steps, self._n, len(levels)),
                             whole, slowed)
         return Outcome(solution, solution)

@@ -136,7 +136,7 @@ struct CauseSearch {
     for (Level &level : cycle.levels) leave_out(solver.arena, cycle.standing, level);
     record.take(record.count(head[4] - head[3]));
     if (head[1] != 0.0) {
-      cycle.whole = cycle.slowed < 1.0 ? record.take(n) : (record.take(n), cycle.x);
+      cycle.whole = record.take(n);
       record.take(2 * levels);
       for (const Level &level : cycle.levels) cycle.steps.push_back(record.step(level));
     }

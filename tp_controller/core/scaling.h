@@ -26,7 +26,7 @@ Scaled scale_uniformly(int n, const double *velocity, const double *lower, const
   Scaled found;
   for (int j = 0; j < n; ++j) {
     const double rest = slowest(lower[j], upper[j]), change = velocity[j] - rest;
-    const double allowed = (change > 0.0 ? upper[j] : lower[j]) - rest;
+    const double allowed = (change > 0.0 ? std::max(upper[j], 0.0) : std::min(lower[j], 0.0)) - rest;
     if (!(std::fabs(change) - std::fabs(allowed) > NEGLIGIBLE * fastest)) continue;
     const double ratio = allowed / change;
     if (found.limiting < 0 || ratio < found.slowed) {

@@ -187,8 +187,8 @@ class Solver {
       const double share = found != 0.0 ? found : 1.0;
       for (int j = 0; j < n; ++j) {
         const double rest = slowest(lower[j], upper[j]);
-        least[j] = rest + (lower[j] - rest) / share;
-        most[j] = rest + (upper[j] - rest) / share;
+        least[j] = rest + (std::min(lower[j], 0.0) - rest) / share;
+        most[j] = rest + (std::max(upper[j], 0.0) - rest) / share;
       }
     }
     loop(least, most, nullptr, false, free);

@@ -118,7 +118,7 @@ def solve_by_core(solver: Core, n: int, levels: list[Level], lower: Array | None
     memory, record, slowed = found
     if record is None:
         return Solution(x, levels, memory)
-    whole = np.frombuffer(record, count=n) if slowed < 1.0 else None
+    whole = np.frombuffer(record, count=n)
     return Solution(x, levels, memory, Record(record, n, len(levels)), whole, slowed)
 
 

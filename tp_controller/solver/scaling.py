@@ -14,15 +14,16 @@ def scale_uniformly(velocity: Array, lower: Array,
 
     In lecture 4 the bounds are symmetric, s = max |ζ_i| / ζ_i,max. Here each velocity is compared
     with the bound on its own side. If the bounds of a joint exclude zero, as while it brakes, the
-    slowest velocity within them replaces zero.
+    slowest velocity within them replaces zero, and zero replaces this bound: what is slower cannot
+    be had at once, so the others slow down only for a joint that has to turn back, by its share
+    beyond zero.
 
     Return the velocity (n,), exactly within the bounds, 1/s in [0, 1], and the index of the
     limiting joint.
     """
     slowest = _slowest(lower, upper)
     change = velocity - slowest
-    bound = np.where(change > 0.0, upper, lower)
-    allowed = bound - slowest
+    allowed = np.where(change > 0.0, np.maximum(upper, 0.0), np.minimum(lower, 0.0)) - slowest
     size = np.abs(change)
     too_fast = size - np.abs(allowed) > NEGLIGIBLE * size.max(initial=0.0)
     if not too_fast.any():
@@ -31,9 +32,9 @@ def scale_uniformly(velocity: Array, lower: Array,
     np.divide(allowed, change, out=ratios, where=too_fast)
     limiting = int(ratios.argmin())
     scale = float(ratios[limiting])
-    # The products may violate their bounds by one rounding error: correct only that.
     scaled = np.clip(slowest + scale * change, lower, upper)
-    scaled[limiting] = bound[limiting]
+    # To the last digit.
+    scaled[limiting] = (upper if change[limiting] > 0.0 else lower)[limiting]
     return scaled, scale, limiting
 
 
@@ -45,7 +46,8 @@ def enlarged(velocity: Array, lower: Array, upper: Array) -> tuple[Array, Array]
     """
     share = scale_uniformly(velocity, lower, upper)[1] or 1.0
     slowest = _slowest(lower, upper)
-    return slowest + (lower - slowest) / share, slowest + (upper - slowest) / share
+    return (slowest + (np.minimum(lower, 0.0) - slowest) / share,
+            slowest + (np.maximum(upper, 0.0) - slowest) / share)
 
 
 def _slowest(lower: Array, upper: Array) -> Array:

@@ -91,15 +91,17 @@ def test_bounds_that_exclude_zero_scale_the_way_from_the_slowest_motion_they_all
     slowest[(lower <= 0.0) & (upper >= 0.0)] = 0.0
     way = velocity - slowest
     assert 0.0 <= solution.scale <= 1.0
-    np.testing.assert_allclose(solution.velocity - slowest, solution.scale * way, rtol=1e-9,
-                               atol=3e-9 * np.abs(way).max() + 1e-300)
-    # No larger factor would do.
+    np.testing.assert_allclose(
+        solution.velocity, np.clip(slowest + solution.scale * way, lower, upper), rtol=1e-9,
+        atol=3e-9 * np.abs(way).max() + 1e-300)
+    # No larger factor would do, if joints that brake could stand still at once.
+    least, most = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
     if solution.scale < 1.0:
         beyond = slowest + min(1.0, solution.scale + 1e-6) * way
-        assert (beyond > upper).any() or (beyond < lower).any()
+        assert (beyond > most).any() or (beyond < least).any()
     else:
-        assert ((velocity >= lower - 1e-8 * np.abs(way).max())
-                & (velocity <= upper + 1e-8 * np.abs(way).max())).all()
+        assert ((velocity >= least - 1e-8 * np.abs(way).max())
+                & (velocity <= most + 1e-8 * np.abs(way).max())).all()
 
 
 def test_braking_joint_is_where_uniform_scaling_begins():
@@ -107,6 +109,18 @@ def test_braking_joint_is_where_uniform_scaling_begins():
     solution = bounded([1.0, 2.0], [0.2, -1.0], [2.0, 1.0])
     assert solution.velocity == pytest.approx([0.6, 1.0])
     assert (solution.scale, solution.limiting) == (0.5, 1)
+
+
+def test_joint_that_brakes_slows_the_others_only_if_it_has_to_turn_back():
+    # Joint 1 must move at least 0.2: it cannot be as slow as demanded, whatever the other one does.
+    slower = bounded([0.1, 1.0], [0.2, -1.0], [0.3, 1.0])
+    assert slower.velocity == pytest.approx([0.2, 1.0]) and slower.scale == 1.0
+    # A quarter of the way from 0.2 to -0.6 leads to rest.
+    for sign in (1.0, -1.0):
+        lower, upper = sorted([sign * 0.2, sign * 0.3])
+        back = bounded([sign * -0.6, 1.0], [lower, -1.0], [upper, 1.0])
+        assert back.velocity == pytest.approx([sign * 0.2, 0.25])
+        assert (back.scale, back.limiting) == (pytest.approx(0.25), 0)
 
 
 def test_one_sided_bounds_leave_the_other_side_free():
