@@ -12,7 +12,7 @@ Jerk limits: a search for a counterexample, and what they cost.
 ``--goals``
     A robot goes from random positions to random poses of the tool, with and without a jerk limit:
     the largest second difference of the commands, the cycles in which it is above the limit, and
-    the time until the tool is there, relative to that without.
+    the time until the tool is there, and stays for a second, relative to that without.
 ``--moves``
     Single joints, with the limits of those of ``--cycles``, go from rest to one end of their range
     as fast as the bounds allow: the time until they are nearly there, relative to the time-optimal
@@ -49,6 +49,8 @@ CASES = {
 # What a tool is at its goal within [m, 1], rotations by the norm of their difference, and the
 # longest that is waited for [s].
 THERE, LONGEST = (1e-3, 1e-2), 10.0
+# How long it has to stay: a robot may pass a singularity within, and leave once more [s].
+STAYS = 1.0
 # Speed of the joints below which a robot has come to rest elsewhere, after a second [rad/s].
 STILL = 1e-4
 # Share of the ranges from which starts and goals are.
@@ -124,7 +126,7 @@ def adversary(number, count=300, cycles=400):
 
 @dataclass
 class Motion:
-    """A motion to a goal: its time [s], infinite if it does not get there, and its differences."""
+    """A motion: its time to the goal [s], infinite if it does not stay there; differences."""
 
     time: float
     acceleration: np.ndarray
@@ -142,8 +144,14 @@ def robot_of(case, limited=True):
         for joint, most, jerk in zip(names, *values)})
 
 
+def is_there(pose, goal):
+    """Return whether a tool is at its goal."""
+    return np.linalg.norm(pose[:3, 3] - goal[:3, 3]) < THERE[0] \
+        and np.linalg.norm(pose[:3, :3] - goal[:3, :3]) < THERE[1]
+
+
 def move(robot, case, number, scaling='redistribute'):
-    """Return the `Motion` of a robot to a goal, until it is there or at rest."""
+    """Return the `Motion` of a robot to a goal, until it stays there or is at rest."""
     _, tool, rate, _, jerks = CASES[case]
     random = np.random.default_rng(number)
     middle, half = 0.5 * (robot.upper + robot.lower), 0.5 * (robot.upper - robot.lower)
@@ -166,10 +174,9 @@ def move(robot, case, number, scaling='redistribute'):
         q = robot.integrate(q, v, 1.0 / rate)
         if cycle % (rate // 100) == 0:
             state.update(q)
-            pose = state.pose(tool)
-            if np.linalg.norm(pose[:3, 3] - goal[:3, 3]) < THERE[0] \
-                    and np.linalg.norm(pose[:3, :3] - goal[:3, :3]) < THERE[1]:
-                found.time = cycle / rate
+            there = is_there(state.pose(tool), goal)
+            found.time = min(found.time, cycle / rate) if there else np.inf
+            if cycle / rate >= found.time + STAYS:
                 break
             if cycle > rate and np.abs(v).max() < STILL:
                 break
