@@ -277,6 +277,7 @@ class BoundedHierarchy {
 
   // Move x, exactly onto bounds that have a multiplier; return the multipliers.
   const double *move(const double *origin, const Columns &Q, const Answer &found) {
+    if (!found.a) throw Unsolved();
     double *x = arena_.copy(origin, n_);
     add_columns(Q, found.a, Q.k, x);
     add(1.0 / ROUNDING, found.multipliers, x, n_);

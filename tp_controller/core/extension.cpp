@@ -50,6 +50,7 @@ PyObject *constants() {
       {"control.cycle_time", {VALUE(SMOOTHING), VALUE(HOLD_RATIO)}},
       {"control.escape", {VALUE(STUCK_SPEED), VALUE(LEAST_DEMAND), VALUE(SINGULAR_RATIO),
           VALUE(STUCK_SECONDS), VALUE(MOST_NUDGES)}},
+      {"positions.choice", {VALUE(FULL_TURN)}},
       {"positions.descent", {VALUE(MET), VALUE(KEPT),
           VALUE(FIRST_RADIUS), VALUE(LARGEST_RADIUS), VALUE(LEAST_RADIUS),
           VALUE(LEAST_GAIN), VALUE(WELL_PREDICTED), VALUE(SHRINK), VALUE(GROW), VALUE(LEAST_REDUCTION),

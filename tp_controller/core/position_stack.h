@@ -56,6 +56,16 @@ class PositionStack {
     groups_ = std::move(groups);
   }
 
+  // Joints, of which the first follows the base, their row in a configuration, and whether one may be
+  // at a position.
+  size_t first_joint() const { return size_t(motion_->first_column); }
+  size_t row(size_t j) const { return size_t(motion_->first_row) + j - first_joint(); }
+  bool allows(size_t j, double position) const {
+    return position >= lower_[j] && position <= upper_[j];
+  }
+  // The number of coordinates that are the position of a base.
+  size_t place_size() const { return motion_->first_row == 7 ? 3 : motion_->first_row ? 2 : 0; }
+
   double to_lower(const Point &point, size_t j) const { return lower_[j] - point.positions[j]; }
   double to_upper(const Point &point, size_t j) const { return upper_[j] - point.positions[j]; }
 

@@ -28,6 +28,7 @@ bool nearest_point(Arena &arena, const double *point, const Program &program, co
   return false;
 }
 
+// The answer for positive stiffnesses; none where rounding prevents a solution.
 Answer nearest(Arena &arena, const double *stiffness, const double *centre,
                const Program &program) {
   const int k = program.k;
@@ -40,8 +41,7 @@ Answer nearest(Arena &arena, const double *stiffness, const double *centre,
     point[j] = root * centre[j];
     scale[j] = 1.0 / root;
   }
-  if (!nearest_point(arena, point, program, scale, unit, found)) throw Unsolved();
-  return found;
+  return nearest_point(arena, point, program, scale, unit, found) ? found : Answer{};
 }
 
 // The exact minimum from an answer near it, by the primal active-set method.
@@ -170,6 +170,7 @@ class Refinement {
   int *tried_;
 };
 
+// None where rounding prevents a solution.
 Answer regularised(Arena &arena, const double *stiffness, const double *target,
                    const Program &program, double least, const double *start) {
   const int k = program.k;
@@ -177,7 +178,7 @@ Answer regularised(Arena &arena, const double *stiffness, const double *target,
   double *stiff = arena.take(k), *centre = arena.take(k);
   const double stiffest = *std::max_element(stiffness, stiffness + k);
   const bool exact = least == 0.0;
-  Answer answer = {nullptr, nullptr};
+  Answer answer{};
   for (double share : EXACT) {
     if (exact) least = share * (stiffest != 0.0 ? stiffest : 1.0);
     bool softer = false;
@@ -187,10 +188,12 @@ Answer regularised(Arena &arena, const double *stiffness, const double *target,
       centre[j] = start[j] + own * (target[j] - start[j]);
       softer |= own < 1.0;
     }
-    answer = nearest(arena, stiff, centre, program);
-    start = answer.a;
+    const Answer found = nearest(arena, stiff, centre, program);
+    // The nearest answer if rounding prevents a solution of the next program.
+    if (found.a) answer = found, start = found.a;
     if (!exact || !softer) return answer;
   }
+  if (!answer.a) return answer;
   Arena::Frame frame(arena);
   Refinement(arena, stiffness, target, program).run(answer);
   return answer;

@@ -81,27 +81,6 @@ class Search {
     count = 1;
   }
 
- private:
-  static bool is_better(const Point &one, const Point &other, size_t needed) {
-    for (size_t l = 0; l < needed; ++l) {
-      const double a = one.costs[l], b = other.costs[l];
-      if (std::fabs(a - b) > EQUAL * std::max(a, b) + MET) return a < b;
-    }
-    return false;
-  }
-
-  static bool is_met(const Point &point, size_t needed) { return point.cost(0, needed) <= MET; }
-
-  // Whether a level costs notably less than at another point, and none above costs more.
-  static bool improves(const Point &one, const Point &other) {
-    for (size_t l = 0; l < one.costs.size(); ++l) {
-      const double a = one.costs[l], b = other.costs[l];
-      if (a < (1.0 - EQUAL) * b - MET) return true;
-      if (a > kept_cost(b)) return false;
-    }
-    return false;
-  }
-
   // Reduce all levels in turn; where some are not met, descend from nearby, too.
   void finish(Point &point) {
     reduce_all(point);
@@ -116,6 +95,28 @@ class Search {
       reduce_all(nearby_);
       if (improves(nearby_, point)) std::swap(nearby_, point);
     }
+  }
+
+  // Whether the first costs that differ notably are less than those of another point.
+  static bool is_better(const Point &one, const Point &other, size_t needed) {
+    for (size_t l = 0; l < needed; ++l) {
+      const double a = one.costs[l], b = other.costs[l];
+      if (std::fabs(a - b) > EQUAL * std::max(a, b) + MET) return a < b;
+    }
+    return false;
+  }
+
+ private:
+  static bool is_met(const Point &point, size_t needed) { return point.cost(0, needed) <= MET; }
+
+  // Whether a level costs notably less than at another point, and none above costs more.
+  static bool improves(const Point &one, const Point &other) {
+    for (size_t l = 0; l < one.costs.size(); ++l) {
+      const double a = one.costs[l], b = other.costs[l];
+      if (a < (1.0 - EQUAL) * b - MET) return true;
+      if (a > kept_cost(b)) return false;
+    }
+    return false;
   }
 
   void reduce_all(Point &point) {

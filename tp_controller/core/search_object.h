@@ -6,7 +6,7 @@
 
 #pragma once
 
-#include "search.h"
+#include "choice.h"
 #include "step_object.h"
 
 namespace {
@@ -17,6 +17,7 @@ constexpr std::chrono::seconds LONG{1};
 // A search, the tasks that Python holds, and the motion that they move.
 struct PositionSearch {
   std::unique_ptr<Search> search;
+  std::unique_ptr<Choice> choice;
   std::vector<PyObject *> held;
   bool busy = false;
 
@@ -31,22 +32,25 @@ bool has_coordinates(const Motion &motion) {
                              : motion.first_row == 3 || motion.first_row == 7;
 }
 
-// Search(lower, upper, nudges): limits of the positions (n,), and changes of them (N, n).
+// Search(lower, upper, turning, nudges): limits of the positions (n,), 1 for joints that turn, 0 for
+// others (n,), and changes of the positions (N, n).
 PyObject *make_search(PyTypeObject *type, PyObject *given, PyObject *) {
-  PyObject *low, *high, *nearby;
-  if (!PyArg_ParseTuple(given, "OOO", &low, &high, &nearby)) return nullptr;
+  PyObject *low, *high, *turns, *nearby;
+  if (!PyArg_ParseTuple(given, "OOOO", &low, &high, &turns, &nearby)) return nullptr;
   try {
-    std::vector<double> lower, upper, nudges;
-    if (read_all(low, lower) && read_all(high, upper) && !lower.empty()
-        && lower.size() == upper.size() && read_rows(nearby, Py_ssize_t(lower.size()), nudges)) {
+    std::vector<double> lower, upper, turning, nudges;
+    if (read_all(low, lower) && read_all(high, upper) && read_all(turns, turning)
+        && !lower.empty() && lower.size() == upper.size() && lower.size() == turning.size()
+        && read_rows(nearby, Py_ssize_t(lower.size()), nudges)) {
       PositionSearch its;
       its.search.reset(new Search(std::move(lower), std::move(upper), std::move(nudges)));
+      its.choice.reset(new Choice(*its.search, std::move(turning)));
       return keep<PositionSearch>(type, std::move(its));
     }
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
   }
-  return refuse("needs as many lower as upper limits, and nudges of them");
+  return refuse("needs as many lower as upper limits, and marks and nudges of them");
 }
 
 // set_tasks(motion, ((Task, …), …)): ValueError, and nothing has changed, where they are not of this
@@ -180,14 +184,30 @@ bool read_goals(PyObject *object, const std::vector<Group> &groups, std::vector<
   return !found.empty();
 }
 
-// find_each(goals, starts, others, needed, seconds, q, costs, numbers): search for each row of the
-// goals of tasks: descend from its start, then from `others` (O, nq) until there are as many
-// configurations as `q` (count, wanted · nq) has place for; fill in these, the costs of their levels
-// (count, wanted · L), and their number and that of the descents (count, 2), which are 0 where the
-// reference is needed; false where it is for all. `starts` (1 or count, nq); `seconds` for each.
+// The largest error of the first levels, of tasks that are bounds or have goals; 0 where all are met.
+double largest_error(const Search &search, size_t needed, const std::vector<GoalRows> &goals) {
+  const Point &point = search.found[0];
+  double largest = 0.0;
+  for (size_t l = 0; l < needed && point.cost(0, needed) > MET; ++l) {
+    const double *error = point.errors[l];
+    for (const Task *task : search.tasks.groups()[l]) {
+      const bool counts = task->bounded()
+          || std::any_of(goals.begin(), goals.end(), [&](auto &its) { return its.task == task; });
+      for (int i = 0; i < task->rows(); ++i, ++error)
+        if (counts) largest = std::max(largest, std::fabs(*error));
+    }
+  }
+  return largest;
+}
+
+// find_each(goals, starts, others, needed, wanted, seconds, q, numbers): search for each row of the
+// goals of tasks: descend from its start, then from `others` (O, nq) until `wanted` configurations
+// are found; fill in the nearest of these (count, nq), and the number of the descents and the largest
+// error (count, 2); no descents where the reference is needed; false where it is for all. `starts`
+// (1 or count, nq); `seconds` for each.
 PyObject *search_find_each(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 8 || !PyTuple_Check(given[0]))
-    return refuse("find_each(goals, starts, others, needed, seconds, q, costs, numbers)");
+    return refuse("find_each(goals, starts, others, needed, wanted, seconds, q, numbers)");
   PositionSearch &its = of<PositionSearch>(self);
   Search &search = *its.search;
   try {
@@ -200,28 +220,27 @@ PyObject *search_find_each(PyObject *self, PyObject *const *given, Py_ssize_t co
          && read_rows(given[2], Py_ssize_t(nq), others)
          && finite(starts.data(), int(starts.size()))
          && finite(others.data(), int(others.size())));
-    const Py_ssize_t needed = PyLong_AsSsize_t(given[3]);
-    const double seconds = PyFloat_AsDouble(given[4]);
-    const Output q(given[5]), costs(given[6]), numbers(given[7]);
+    const Py_ssize_t needed = PyLong_AsSsize_t(given[3]), wanted = PyLong_AsSsize_t(given[4]);
+    const double seconds = PyFloat_AsDouble(given[5]);
+    const Output q(given[6]), numbers(given[7]);
     const size_t rows = goals[0].numbers.size() / goals[0].size;
     for (const GoalRows &each : goals) need(each.numbers.size() == rows * each.size);
-    const size_t wanted = q.rows(2) > 0 ? size_t(q.columns()) / nq : 0;
     need(!PyErr_Occurred() && needed >= 0 && size_t(needed) <= levels && wanted > 0
          && (starts.size() == nq || starts.size() == rows * nq)
-         && q.is(Py_ssize_t(rows), Py_ssize_t(wanted * nq))
-         && costs.is(Py_ssize_t(rows), Py_ssize_t(wanted * levels))
-         && numbers.is(Py_ssize_t(rows), 2));
+         && q.is(Py_ssize_t(rows), Py_ssize_t(nq)) && numbers.is(Py_ssize_t(rows), 2));
     Descent::Clock::duration took = LONG;
     const WithoutPython meanwhile(took);
     for (size_t i = 0; i < rows; ++i) {
       for (const GoalRows &each : goals)
         need(each.task->set_goal(each.numbers.data() + i * each.size, each.size));
+      const double *const start = starts.data() + (starts.size() == nq ? 0 : i * nq);
       double *const its_numbers = numbers.p() + 2 * i;
       try {
-        search.find(starts.data() + (starts.size() == nq ? 0 : i * nq), others, size_t(needed),
-                    wanted, after(seconds));
-        answer(search, q.p() + i * wanted * nq, costs.p() + i * wanted * levels);
-        its_numbers[0] = double(search.count), its_numbers[1] = double(search.descents);
+        search.find(start, others, size_t(needed), size_t(wanted), after(seconds));
+        its.choice->nearest(start);
+        std::copy(search.found[0].q.begin(), search.found[0].q.end(), q.p() + i * nq);
+        its_numbers[0] = double(search.descents);
+        its_numbers[1] = largest_error(search, size_t(needed), goals);
       } catch (const Unsolved &) {
         its_numbers[0] = its_numbers[1] = 0.0;
       }

@@ -15,6 +15,13 @@ from tp_controller.tasks.task import norm
 FULL_TURN = 2.0 * np.pi
 
 
+def turning(robot: Robot) -> Array:
+    """Return 1 for each position (n,) of a driven joint that turns, 0 for others."""
+    found = np.zeros(robot.n)
+    found[robot.joint_columns] = np.array(robot.joint_units) == 'rad'
+    return found
+
+
 def whole_turns(robot: Robot, q: Array, start: Array) -> Array:
     """
     Return the turns (count, joints) of driven joints that lead q towards `start`.
@@ -34,7 +41,7 @@ def whole_turns(robot: Robot, q: Array, start: Array) -> Array:
     if turns.any():
         moved = q[:, rows] + FULL_TURN * turns
         turns[(moved < robot.lower[columns]) | (moved > robot.upper[columns])] = 0.0
-        turns[:, np.array(robot.joint_units) != 'rad'] = 0.0
+        turns[:, turning(robot)[columns] == 0.0] = 0.0
     return turns
 
 
@@ -42,7 +49,7 @@ def has_whole_turns(robot: Robot) -> bool:
     """Return whether the position limits of a joint are a whole turn apart."""
     columns = robot.joint_columns
     ranges = robot.upper[columns] - robot.lower[columns]
-    return bool((ranges[np.array(robot.joint_units) == 'rad'] >= FULL_TURN).any())
+    return bool((ranges[turning(robot)[columns] > 0.0] >= FULL_TURN).any())
 
 
 def unwound(tasks: PositionStack, found: Attempts, start: Array) -> Attempts:

@@ -11,7 +11,8 @@ import numpy as np
 from tp_controller.control.compiled_step import has_twin
 from tp_controller.model.compiled import Motion
 from tp_controller.model.robot import Robot
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, read_only
+from tp_controller.positions.choice import turning
 from tp_controller.positions.descent import Descent
 from tp_controller.positions.position_stack import PositionStack
 from tp_controller.positions.search import Attempts, finish, nudges, search
@@ -51,10 +52,10 @@ class CompiledSearch(Protocol):
 
         """
 
-    def find_each(self, goals: GoalRows, starts: Array, others: Array, needed: int,
-                  seconds: float, q: Array, costs: Array, numbers: Array) -> bool:
+    def find_each(self, goals: GoalRows, starts: Array, others: Array, needed: int, wanted: int,
+                  seconds: float, q: Array, numbers: Array) -> bool:
         """
-        Fill in the configurations of a search for each of many goals, and their costs.
+        Fill in the nearest configuration of a search for each of many goals.
 
         Parameters
         ----------
@@ -66,10 +67,13 @@ class CompiledSearch(Protocol):
             Configurations from which others follow until the needed levels are met.
         needed, seconds
             See `find`; the time is that of each search.
-        q, costs : ndarray (count, wanted · nq), (count, wanted · levels)
-            Filled in, as far as there are configurations.
+        wanted : int
+            Number of configurations of which the nearest is chosen.
+        q : ndarray (count, nq)
+            Filled in.
         numbers : ndarray (count, 2)
-            Numbers of configurations and of descents, filled in; 0 where the reference is needed.
+            Number of descents, 0 where the reference is needed, and largest error of the needed
+            levels that goals and bounds have [m or rad], 0 where they are met; filled in.
 
         Returns
         -------
@@ -102,7 +106,7 @@ class Searches:
         if core is not None and motion is not None and tasks.groups \
                 and all(map(has_twin, tasks.stack.active_tasks)):
             self._compiled = _CompiledTasks(robot, tasks, core.Search(
-                robot.lower, robot.upper, nudges(robot)), motion)
+                robot.lower, robot.upper, turning(robot), nudges(robot)), motion)
 
     def begin(self, passive: Array) -> None:
         """Begin with the present inputs of the tasks and passive positions (p,)."""
@@ -137,11 +141,13 @@ class Searches:
         return search(self._tasks, self._descent, needed, starts, wanted)
 
     def find_each(self, goals: Mapping[str, Array], starts: Array, others: Array, needed: int,
-                  wanted: int, seconds: float) -> list[list[Attempts]] | None:
+                  wanted: int, seconds: float) -> list[tuple[Array, int, float]] | None:
         """
-        Return the outcome of `search` for each of many goals; None without a core.
+        Return the outcome of a search for each of many goals; None without a core.
 
-        It is empty where the core has none, and `find` is needed.
+        Each is the configuration that is nearest to the start, the number of descents, 0 where
+        `find` is needed, and the largest error of the needed levels that goals and bounds have
+        [m or rad], 0 where they are met.
 
         Parameters
         ----------
@@ -164,16 +170,12 @@ class Searches:
                       for index, task in enumerate(group)
                       if (given := goals.get(task.name)) is not None])
         count = len(rows[0][2])
-        q, costs = self._outputs(count * wanted)
-        numbers = np.empty((count, 2))
-        q, costs = q.reshape(count, -1), costs.reshape(count, -1)
-        if not self._compiled.search.find_each(rows, starts, others, needed, seconds, q, costs,
+        q, numbers = np.empty((count, self._robot.nq)), np.empty((count, 2))
+        if not self._compiled.search.find_each(rows, starts, others, needed, wanted, seconds, q,
                                                numbers):
             return None
-        q, costs = q.reshape(count, wanted, -1), costs.reshape(count, wanted, -1)
-        return [[Attempts(each, its_costs, int(descents))
-                 for each, its_costs in zip(qs[:int(found)], all_costs[:int(found)].tolist())]
-                for qs, all_costs, (found, descents) in zip(q, costs, numbers)]
+        descents, errors = numbers.T
+        return list(zip(read_only(q), descents.astype(int).tolist(), errors.tolist()))
 
     def finish(self, found: Attempts, end: float) -> Attempts:
         """Return a search whose configuration also reduces the levels that were not needed."""

@@ -9,7 +9,6 @@ from functools import cached_property
 from tp_controller.control.task_report import TaskReport
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, read_only
-from tp_controller.positions.search import Attempts
 from tp_controller.positions.verdict import reports_at
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import Stack
@@ -34,9 +33,9 @@ class PositionSolution:
 
     """
 
-    def __init__(self, robot: Robot, stack: Stack, goals: Mapping[str, Goal], found: Attempts,
-                 reached: bool, passive: Array) -> None:
-        self.q, self.reached, self.attempts = read_only(found.q), reached, found.descents
+    def __init__(self, robot: Robot, stack: Stack, goals: Mapping[str, Goal], q: Array,
+                 attempts: int, reached: bool, passive: Array) -> None:
+        self.q, self.reached, self.attempts = read_only(q), reached, attempts
         self._robot, self._stack, self._goals, self._passive = robot, stack, goals, passive
 
     @cached_property

@@ -134,8 +134,9 @@ class PositionSolver:
         with self._lock:
             end = time.perf_counter() + timeout
             begin = self._begin(goals, start, passive)
-            return self._solution(self._chosen(self._search(begin, options, end), begin,
-                                               criterion, end))
+            found = self._chosen(self._search(begin, options, end), begin, criterion, end)
+            return PositionSolution(self._robot, self._tasks.stack, self._goals(), found.q,
+                                    found.descents, self._is_reached(found), self._passive)
 
     def solve_together(self, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
                        options: SearchOptions, passive: ArrayLike | None = None
@@ -184,11 +185,11 @@ class PositionSolver:
             self._random_postures(begin, options), self._needed, NEAREST_OF, options.timeout)
         if found is None:
             return none
-        end = time.perf_counter() + options.timeout
-        return [self._solution(self._chosen(each, begins[index % len(begins)], options.criterion,
-                                            end),
-                               {name: given[index] for name, given in parsed.items()})
-                if each else None for index, each in enumerate(found)]
+        kept, stack = self._goals(), self._tasks.stack
+        return [PositionSolution(
+            self._robot, stack, kept | {name: given[index] for name, given in parsed.items()}, q,
+            descents, error <= GOAL_TOLERANCE, self._passive) if descents else None
+            for index, (q, descents, error) in enumerate(found)]
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise `GoalError` unless all are names of tasks with a position."""
@@ -276,13 +277,9 @@ class PositionSolver:
         turned = unwound(self._tasks, found, begin)
         return turned if turned is found else self._searches.finish(turned, end)
 
-    def _solution(self, found: Attempts, goals: Mapping[str, Goal] | None = None
-                  ) -> PositionSolution:
-        """Return a result, with goals in place of those that tasks have now."""
-        tasks = self._tasks.stack.active_tasks
-        return PositionSolution(
-            self._robot, self._tasks.stack, {task.name: task.goal for task in tasks}
-            | dict(goals or {}), found, self._is_reached(found), self._passive)
+    def _goals(self) -> dict[str, Goal]:
+        """Return the present goals of all tasks."""
+        return {task.name: task.goal for task in self._tasks.stack.active_tasks}
 
     def _is_reached(self, found: Attempts) -> bool:
         """Return whether the needed levels are met, as far as they have given goals or bounds."""

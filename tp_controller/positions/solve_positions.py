@@ -3,7 +3,7 @@
 
 """Inverse kinematics of many goals, on several threads."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import os
@@ -20,9 +20,10 @@ from tp_controller.positions.solve_position import PositionSolver
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import Stack
 
-# Largest number of goals of a call, which costs as much as ten goals while other threads wait; and
-# number of calls of each thread, so many that all end at about the same time.
-MOST_GOALS_OF_A_CALL, CALLS_OF_A_THREAD = 200, 4
+# Share of the goals left that all threads take in their next calls, so that they end at about the
+# same time; and least and largest number of goals of a call, which holds the lock of the
+# interpreter for as long as it takes to solve some goals.
+SHARE, FEWEST_OF_A_CALL, MOST_OF_A_CALL = 0.5, 3, 200
 
 
 def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
@@ -74,9 +75,8 @@ def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goa
     if not isinstance(jobs, (int, np.integer)) or isinstance(jobs, bool) or jobs == 0 or jobs < -1:
         raise SettingsError([f'jobs must be a whole number from 1, or -1, not {jobs!r}'])
     threads = len(os.sched_getaffinity(0)) if jobs == -1 else jobs
-    size = min(max(1, count // (CALLS_OF_A_THREAD * threads)), MOST_GOALS_OF_A_CALL)
-    chunks = [range(first, min(first + size, count)) for first in range(0, count, size)]
-    # Each thread takes the next one; a solver takes as long to make as hundreds of goals.
+    chunks = list(_chunks(count, threads))
+    # Each thread takes the next one; a solver takes as long to make as several goals.
     left, found = iter(chunks), dict[range, list[PositionSolution]]()
 
     def work() -> None:
@@ -88,6 +88,15 @@ def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goa
         for done in [pool.submit(work) for _ in range(min(threads, len(chunks)))]:
             done.result()
     return [each for chunk in chunks for each in found[chunk]]
+
+
+def _chunks(count: int, threads: int) -> Iterator[range]:
+    """Yield the numbers of the goals of each call."""
+    first = 0
+    while first < count:
+        size = int(np.clip(SHARE * (count - first) / threads, FEWEST_OF_A_CALL, MOST_OF_A_CALL))
+        yield range(first, min(first + size, count))
+        first += size
 
 
 def _solve(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], starts: Array | None,
@@ -119,17 +128,17 @@ def _solve_row(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], star
         raise GoalError(f'goal {index}: {error}') from error
 
 
-def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, list[Goal]]:
+def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, Sequence[Goal]]:
     """Return the goals of each task, as many for all tasks, or raise `GoalError`."""
     if not isinstance(goals, Mapping):
         raise GoalError(f'goals need a mapping of tasks to sequences of goals, such as '
                         f'{{"tool": poses}}, not {goals!r}')
-    found = {}
+    found = dict[str, Any]()
     for name, given in goals.items():
         if isinstance(given, (Mapping, str)) or not isinstance(given, Iterable) \
                 or np.ndim(given) == 0 and isinstance(given, np.ndarray):
             raise GoalError(f'the goals of task {name!r} need a sequence, not {given!r}')
-        found[name] = list(given)
+        found[name] = given if isinstance(given, np.ndarray) else list(given)
     if len({len(given) for given in found.values()}) != 1:
         raise GoalError('goals needs one number of goals for all tasks, got '
                         + (', '.join(f'{name}: {len(given)}' for name, given in found.items())

@@ -129,13 +129,15 @@ def test_task_without_a_twin_leads_to_the_reference():
 
 def test_core_refuses_what_does_not_fit():
     robot = robots.panda()
-    search = core.Search(robot.lower, robot.upper, np.zeros((0, 7)))
+    search = core.Search(robot.lower, robot.upper, np.ones(7), np.zeros((0, 7)))
     q, costs = np.empty((1, 7)), np.empty((1, 1))
     assert search.find(np.zeros((1, 7)), 1, 1.0, q, costs) is None
     with pytest.raises(ValueError, match='as many lower as upper limits'):
-        core.Search(robot.lower, robot.upper[:3], np.zeros((0, 7)))
+        core.Search(robot.lower, robot.upper[:3], np.ones(7), np.zeros((0, 7)))
+    with pytest.raises(ValueError, match='marks'):
+        core.Search(robot.lower, robot.upper, np.ones(6), np.zeros((0, 7)))
     with pytest.raises(ValueError, match='nudges'):
-        core.Search(robot.lower, robot.upper, np.zeros((2, 6)))
+        core.Search(robot.lower, robot.upper, np.ones(7), np.zeros((2, 6)))
     motion = robot.kinematics.motion()
     stack = Stack.from_yaml('- posture: {type: posture}\n', robot)
     stack.start(robot.state(robot.neutral()))
@@ -158,18 +160,19 @@ def test_core_refuses_what_does_not_fit():
     assert not search.finish(1.0, np.full(7, np.nan), costs[0])
     assert search.finish(1.0, q[0], costs[0])
     goals, numbers = ((0, 0, start),), np.empty((1, 2))
-    for given in ((((0, 1, start),), start, start, 1, 1.0, q, costs, numbers),
-                  (((0, 0, start[:, :3]),), start, start, 1, 1.0, q, costs, numbers),
-                  ((), start, start, 1, 1.0, q, costs, numbers),
-                  (goals, start[:0], start, 1, 1.0, q, costs, numbers),
-                  (goals, start, start[:, :3], 1, 1.0, q, costs, numbers),
-                  (goals, start, start, 2, 1.0, q, costs, numbers),
-                  (goals, start, start, 1, 1.0, q[:0], costs, numbers),
-                  (goals, start, start, 1, 1.0, q, costs, numbers[0]),
-                  (goals, np.zeros((2, 7)), start, 1, 1.0, q, costs, numbers)):
+    for given in ((((0, 1, start),), start, start, 1, 1, 1.0, q, numbers),
+                  (((0, 0, start[:, :3]),), start, start, 1, 1, 1.0, q, numbers),
+                  ((), start, start, 1, 1, 1.0, q, numbers),
+                  (goals, start[:0], start, 1, 1, 1.0, q, numbers),
+                  (goals, start, start[:, :3], 1, 1, 1.0, q, numbers),
+                  (goals, start, start, 2, 1, 1.0, q, numbers),
+                  (goals, start, start, 1, 0, 1.0, q, numbers),
+                  (goals, start, start, 1, 1, 1.0, q[:0], numbers),
+                  (goals, start, start, 1, 1, 1.0, q, numbers[0]),
+                  (goals, np.zeros((2, 7)), start, 1, 1, 1.0, q, numbers)):
         assert not search.find_each(*given)
-    assert search.find_each(goals, start, start[:0], 1, 1.0, q, costs, numbers)
-    assert numbers.tolist() == [[1.0, 1.0]]
+    assert search.find_each(goals, start, start[:0], 1, 1, 1.0, q, numbers)
+    assert numbers.tolist() == [[1.0, 0.0]]
     for call in (search.find, search.finish, search.find_each):
         with pytest.raises(ValueError, match='seconds'):
             call()
