@@ -112,7 +112,7 @@ def test_braking_joint_is_where_uniform_scaling_begins():
 
 
 def test_joint_that_brakes_slows_the_others_only_if_it_has_to_turn_back():
-    # Joint 1 must move at least 0.2: it cannot be as slow as demanded, whatever the other one does.
+    # Joint 1 must move at least 0.2: it cannot be as slow as demanded, whatever the other does.
     slower = bounded([0.1, 1.0], [0.2, -1.0], [0.3, 1.0])
     assert slower.velocity == pytest.approx([0.2, 1.0]) and slower.scale == 1.0
     # A quarter of the way from 0.2 to -0.6 leads to rest.
