@@ -8,8 +8,7 @@ README.md and docs/ cannot rot: what they show is run, loaded, parsed or looked 
   ``text`` block that follows directly is what they print.
 - ``yaml`` lists are stacks and load for the Panda; mappings are DH tables or parameter files.
 - Lines of ``bash`` blocks, and of blocks without a language, must be ones the programs accept.
-- A block after ``<!-- file: name -->`` is a file of an example; it is not run by itself. If it is
-  ``xml``, the page runs in a folder that has it.
+- A block after ``<!-- file: name -->`` is a file of an example; it is not run by itself.
 
 What is about messages and parameters needs ROS and is skipped without.
 """
@@ -302,12 +301,8 @@ def test_reference_has_every_public_name():
 @pytest.mark.parametrize('page', [page for page in PAGES if any(
     block.language == 'python' and not block.file for block, _ in blocks_of(page))], ids=identity)
 @pytest.mark.slow
-def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_types, tmp_path):
-    files = {block.file: block.text for block, _ in blocks_of(page)
-             if block.file and block.language == 'xml'}
-    for name, text in files.items():
-        (tmp_path / name).write_text(text, encoding='utf-8')
-    monkeypatch.chdir(tmp_path if files else ROOT)
+def test_python_blocks_run_and_print_what_is_shown(page, monkeypatch, own_task_types):
+    monkeypatch.chdir(ROOT)
     namespace = {'__name__': 'example'}
     for block, end in blocks_of(page):
         if block.language != 'python' or block.file:

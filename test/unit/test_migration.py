@@ -11,9 +11,8 @@ import subprocess
 import sys
 
 import pytest
-from tp_controller import Robot, Stack
+from tp_controller import Robot
 from tp_controller.tasks import task_types
-import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'migration.md').read_text(encoding='utf-8')
@@ -29,8 +28,8 @@ def run(name, folder):
     return done.stdout
 
 
-def test_scripts_and_files_are_those_of_other_packages():
-    assert set(FILES) == {'write_urdf.py', 'with_pink.py', 'servo.yaml', 'cartesio.yaml'}
+def test_scripts_are_those_of_another_package():
+    assert set(FILES) == {'write_urdf.py', 'with_pink.py'}
 
 
 def test_script_of_another_package_is_python_and_prints_what_is_shown(tmp_path):
@@ -50,23 +49,10 @@ def test_urdf_that_the_scripts_read_is_the_panda(tmp_path):
     assert robot.n == 7 and 'panda_hand_tcp' in robot.frame_names
 
 
-def test_every_label_of_the_cartesio_stack_is_defined():
-    problem = yaml.safe_load(FILES['cartesio.yaml'])
-    labels = [label for level in problem['stack'] for label in level] + problem['constraints']
-    assert set(labels) == set(problem) - {'stack', 'constraints'}
-    # The names and their order are those of the stack here.
-    robot = Robot.from_file(ROOT / 'config' / 'robots' / 'panda.yaml')
-    text, = re.findall(r'Stack\.from_yaml\("""(.*?)"""', PAGE, re.DOTALL)
-    assert [[name] for name in Stack.from_yaml(text, robot).tasks] == problem['stack']
-
-
 def test_gains_per_cycle_are_those_per_second():
     own = [float(gain) for gain in re.findall(r'gain: (\d\.\d)', PAGE)][:3]
     shares = re.findall(r'gain=(\d\.\d) \* period', FILES['with_pink.py'])
     assert [float(gain) for gain in shares] == own
-    problem = yaml.safe_load(FILES['cartesio.yaml'])
-    shares = [problem[level[0]]['lambda'] for level in problem['stack']]
-    assert shares == pytest.approx([0.01 * gain for gain in own])
 
 
 def test_task_types_that_the_page_links_exist():
