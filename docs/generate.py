@@ -292,19 +292,20 @@ def keys(name):
         if row in shown and row not in general:
             known.setdefault(shown[row], []).append(row[0])
     lines = [f'As for [{other}](#{other}): {", ".join(names)}.' for other, names in known.items()]
-    lines.append(general_part(rows, general))
-    return '\n'.join((*([table(KEY_TITLES, new)] if new else ()), ' '.join(lines) + '\n'))
+    lines += general_part(rows, general)
+    return '\n'.join((*([table(KEY_TITLES, new)] if new else ()),
+                      *([' '.join(lines) + '\n'] if lines else ())))
 
 
 def general_part(rows, general):
-    """Return the shorter sentence about the keys of all tasks that a type takes or omits."""
+    """Yield the shorter sentence about keys of all tasks that a type lacks or has; none if all."""
     names = {row[0] for row in rows}
     taken = [row[0] for row in general if row in rows]
-    omitted = [row[0] for row in general if row[0] not in names]
-    if len(omitted) < len(taken):
-        return f'And the [keys of all tasks]({GENERAL_KEYS})' \
-            + f'{", but not " * bool(omitted)}{", ".join(omitted)}.'
-    return f'As for [all tasks]({GENERAL_KEYS}): {", ".join(taken)}.'
+    lacking = [row[0] for row in general if row[0] not in names]
+    if len(lacking) >= len(taken):
+        yield f'Of the [keys of all tasks]({GENERAL_KEYS}) only {", ".join(taken)}.'
+    elif lacking:
+        yield f'Without {", ".join(lacking)}.'
 
 
 def general_keys():
