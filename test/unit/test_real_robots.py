@@ -216,14 +216,14 @@ def test_page_shows_the_limits_of_the_table(name):
 @pytest.mark.parametrize('name', ROBOTS)
 def test_page_names_the_versions_it_was_checked_against(name):
     page = (PAGES / f'{name}.md').read_text(encoding='utf-8')
-    checked, = re.findall(r'^\| checked \| (.*) \|$', page, re.MULTILINE)
+    checked, = re.findall(r'^- \*\*checked\*\*: (.*)$', page, re.MULTILINE)
     day, sources = re.fullmatch(r'(\d{4}-\d\d-\d\d) against (.*)', checked).groups()
     versions = re.findall(r'\[\w[\w-]*@(\w+)\]\((\S+)/tree/(\w+)\) of (\d{4}-\d\d-\d\d)', sources)
     assert len(versions) == sources.count('@') > 0
     for commit, _, linked, committed in versions:
         assert linked.startswith(commit)
         assert committed <= day
-    driver, = re.findall(r'^\| driver \| \[[^]]*\]\((https://github.com/[\w-]+/\w+)', page,
+    driver, = re.findall(r'^- \*\*driver\*\*: \[[^]]*\]\((https://github.com/[\w-]+/\w+)', page,
                          re.MULTILINE)
     assert versions[0][1] == driver
 
@@ -231,7 +231,7 @@ def test_page_names_the_versions_it_was_checked_against(name):
 @pytest.mark.parametrize('name', ROBOTS)
 def test_page_shows_order_and_files(name):
     page = (PAGES / f'{name}.md').read_text(encoding='utf-8')
-    joints, = re.findall(r'^\| joints, in this order \| (.*) \|$', page, re.MULTILINE)
+    joints, = re.findall(r'^- \*\*joints, in this order\*\*: (.*)$', page, re.MULTILINE)
     first, *_, last = re.findall(r'`(\w+)`', joints)
     assert (first, last) == robot_of(name).joint_names[::robot_of(name).n - 1]
     for part in ('', '_parameters', '_first', '_stack', '_home'):
