@@ -576,8 +576,7 @@ def faults():
     for area, found in declared.items():
         for outcome, test in found:
             within = '' if outcome.within == float('inf') else f'{outcome.within:g} s'
-            alike = grouped.setdefault((area, outcome.result, outcome.of_positions, within,
-                                        outcome.ends), ([], []))
+            alike = grouped.setdefault((area, outcome.commanded, within, outcome.ends), ([], []))
             for texts, text in zip(alike, (outcome.fault, f'`{test}`')):
                 if text not in texts:
                     texts.append(text)
@@ -585,8 +584,7 @@ def faults():
     rows = [('' if area == before else area, '; '.join(faults), *outcome, ', '.join(tests))
             for before, ((area, *outcome), (faults, tests)) in zip(
                 ['', *areas], grouped.items())]
-    return table(('area', 'faults', 'velocities', 'positions', 'noticed within', 'ends', 'test'),
-                 rows)
+    return table(('area', 'faults', 'commanded', 'noticed within', 'ends', 'test'), rows)
 
 
 REGIONS = {

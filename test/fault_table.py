@@ -11,9 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 AT_ONCE, RAMPED, NOTHING = 'zeros at once', 'a ramped stop', 'nothing is published'
-# The same where positions are commanded.
-POSITIONS = {AT_ONCE: 'braking, then the last positions',
-             RAMPED: 'a ramped stop, then the last positions'}
+BRAKING = 'braking, then the last positions'
 BY_ITSELF, START = 'by itself', '`~/start`'
 
 
@@ -35,7 +33,8 @@ class Outcome:
     within : float
         Time in which it is noticed [s]; infinite where that depends on other nodes.
     positions : str
-        What positions are commanded then; by default as `POSITIONS` says.
+        What positions are commanded then, if not `BRAKING` in place of zeros at once, and the
+        last positions after a ramped stop.
 
     """
 
@@ -47,9 +46,10 @@ class Outcome:
     positions: str = ''
 
     @property
-    def of_positions(self) -> str:
-        """Return what positions are commanded then."""
-        return self.positions or POSITIONS.get(self.result, self.result)
+    def commanded(self) -> str:
+        """Return the cell of the table with both."""
+        return '; '.join(filter(None, (
+            self.result, self.positions and f'with positions: {self.positions}')))
 
 
 # By area of docs/safety.md, with the tests.

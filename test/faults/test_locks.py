@@ -109,7 +109,7 @@ def test_locked_joint_may_sag_beyond_its_limits_and_what_was_commanded(monkeypat
 @outcomes('Robot', [Outcome('one joint stands still, and `on_not_following` is `lock`', result,
                             'unlocking it', 'does not follow', NOTICED[output], positions)
                     for result, positions, output in (
-                        (GOES_ON, 'the same, as below', 'velocity'), ('', GOES_ON, 'position'))])
+                        (GOES_ON, '', 'velocity'), ('', 'the same', 'position'))])
 @pytest.mark.parametrize('output', OUTPUTS)
 @pytest.mark.parametrize('joint', [0, 1, 3])
 def test_joint_that_does_not_follow_is_locked_and_the_tool_arrives(monkeypatch, joint, output):

@@ -5,7 +5,7 @@
 
 from types import SimpleNamespace
 
-from fault_table import AT_ONCE, Outcome, outcomes, POSITIONS, START
+from fault_table import BRAKING, Outcome, outcomes, START
 import numpy as np
 import pytest
 from robots import PANDA_READY
@@ -239,7 +239,7 @@ COMES = 3.5
 
 
 @outcomes('Robot', [Outcome('a joint does not come to commanded positions', '', START,
-                            'away from its commanded position', COMES, POSITIONS[AT_ONCE])])
+                            'away from its commanded position', COMES, BRAKING)])
 @pytest.mark.parametrize('output', HOLDING)
 def test_a_joint_that_does_not_come_to_its_positions_stops_the_robot(monkeypatch, output):
     world, _ = moving_world(monkeypatch, 100.0, output=output)
