@@ -102,13 +102,11 @@ TOPICS = {
     '~/stop': 'stop the robot until `~/start`, [ramped](docs/safety.md#stops) where told',
     '~/start': 'move again; tasks without a goal take their current value as the goal',
     '~/solve_position': 'where the goals in force lead, without a motion ([inverse kinematics]'
-                        '(docs/ik.md)): whether all are reached; configuration and reasons as '
-                        'JSON',
+                        '(docs/ik.md)); configuration and reasons as JSON',
     '~/reload': 'read the stack file again; one with faults changes nothing',
     '~/<task>/enable': 'enable (true) or disable (false) a task',
     '/clock': 'simulated time, with `publish_clock`',
-    '~/reset': 'back to the initial positions; a controller that runs stops for the jump, until '
-               'its `~/start`',
+    '~/reset': 'back to the initial positions; a running controller stops until its `~/start`',
 }
 SIMULATOR_TOPICS = {
     **TOPICS,
@@ -130,16 +128,13 @@ WATCHDOG_TOPICS = {
     'cmd_vel/watchdog': 'the same for a moving base',
 }
 TELEOP_TOPICS = {
-    'joy': 'axes and buttons of the device; the name is the parameter `joy_topic`',
-    '/tp_controller/tool/twist': 'twist of the task; the names are the parameters `controller` '
-                                 'and `task`',
-    'pose': 'poses of the device; the name is the parameter `pose_topic`',
-    'clutch': 'dead-man switch of a device that sends poses; the name is the parameter '
-              '`dead_man_topic`',
+    'joy': 'axes and buttons of the device (parameter `joy_topic`)',
+    '/tp_controller/tool/twist': 'twist of the task (parameters `controller` and `task`)',
+    'pose': 'poses of the device (parameter `pose_topic`)',
+    'clutch': 'dead-man switch of a device that sends poses (parameter `dead_man_topic`)',
     '/tp_controller/tool/transform': 'pose of the tool, for a device that sends poses',
     '/tp_controller/tool/goal': 'goal of the task, by a device that sends poses',
-    '~/status': '`driving`, or the reason for which nothing moves, ten times a second and when '
-                'it changes',
+    '~/status': '`driving`, or why nothing moves, ten times a second and when it changes',
     '~/gripper': 'state of the button `gripper`, when it changes',
 }
 # Page about a command, or section of one.
@@ -163,12 +158,11 @@ STATUS = {
     'overruns': 'cycles that began more than a period late, or took longer than a period',
     'solver': '[which one](docs/core.md) runs: `compiled` or `python`',
     'cycles left to Python': 'cycles that the compiled solver could not solve',
-    'stalls': 'how often the loop as a whole stood still for longer than `state_timeout`',
+    'stalls': 'how often the loop stood still for longer than `state_timeout`',
     'missed deadlines': 'how often joint states came later than `state_deadline`',
     'lead': 'with [positions](docs/ros.md#positions-in-place-of-velocities): largest distance '
-            'of a joint from its commanded position, relative to the largest one allowed',
-    'ignored description': 'what to do where a `robot_description` other than the one in use '
-                           'has arrived',
+            'of a joint from its commanded position, as a share of the one allowed',
+    'ignored description': 'what to do about another `robot_description` that has arrived',
     'other publishers': 'number of other nodes that publish the same commands',
     'listeners': 'number of nodes, besides watchdogs, that listen to the commands',
     'watchdogs': 'number of watchdogs that do',
@@ -177,16 +171,15 @@ STATUS = {
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '
               '`stopped` (zeros are commanded)',
     'error [m]': 'norm of the error, or distance outside its bounds; one key for each unit: '
-                 '`[m]`, `[rad]`, `[1]` for ratios, for velocity tasks `[m/s]`, `[rad/s]`',
+                 '`[m]`, `[rad]`, `[1]` for ratios, `[m/s]`, `[rad/s]` for velocities',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
     **{f'{which} speed': 'norm of the velocity that the task demands, and of the part of it that '
                          'is commanded' for which in ('wanted', 'achieved')},
-    'progress': 'share of the time of its [trajectory](docs/trajectories.md) that has passed, '
-                'from 0 to 1; empty without one',
+    'progress': 'share of the time of its [trajectory](docs/trajectories.md) that has passed',
     'hint': 'what would help',
     'reason': 'what limits or blocks the task',
-    'causes': 'the causes in it one by one, without numbers, the largest share first, separated '
-              'by semicolons',
+    'causes': 'its causes one by one, without numbers, the largest share first, separated by '
+              'semicolons',
     **{f'goals {outcome}': 'goals and velocities since the task is in the stack'
        for outcome in ('accepted', 'refused')},
     'last refusal': 'reason of the last refusal',
@@ -194,8 +187,8 @@ STATUS = {
                     'rate of the last cycles',
     'goal warning': 'probable mistake in the last goal accepted: out of reach, or coordinates '
                     'that do not count',
-    'goal listeners': 'subscriptions to `~/<task>/goal`, that of the controller and those of '
-                      'others, as recorders; one key for each topic of the task',
+    'goal listeners': 'subscriptions to `~/<task>/goal`, the controller among them; one key for '
+                      'each topic of the task',
 }
 
 
@@ -204,6 +197,11 @@ def table(head, rows):
     titles, *lines = ['| ' + ' | '.join(str(cell).replace('|', r'\|') for cell in line) + ' |'
                       for line in (head, *rows)]
     return '\n'.join((titles, '|' + '---|' * len(head), *lines)) + '\n'
+
+
+def listing(entries):
+    """Return a list in Markdown of names with their meanings; an empty text without any."""
+    return ''.join(f'- {name}: {meaning}\n' for name, meaning in entries)
 
 
 def literal(value):
@@ -352,10 +350,9 @@ def settings():
 
 
 def commands():
-    """Return the table of the commands."""
-    return table(('command', 'what it does'),
-                 [(f'[`{name}`]({COMMAND_PAGES[name]})', command.brief)
-                  for name, command in COMMANDS.items()])
+    """Return the list of the commands."""
+    return listing((f'[`{name}`]({COMMAND_PAGES[name]})', command.brief)
+                   for name, command in COMMANDS.items())
 
 
 def command_help(*arguments):
@@ -389,30 +386,27 @@ def launch_arguments(name):
 
 
 def parameters(node):
-    """Return the table of the parameters of a node."""
+    """Return the list of the parameters of a node."""
     module = importlib.import_module(f'tp_controller.{PARTS.get(node, "ros")}.{node}_node')
-    fixed, changing = (parameter_table([spec for spec in module.PARAMETERS if spec.fixed is kind
-                                        and not listed_elsewhere(node, spec)])
-                       for kind in (True, False))
+    fixed, changing = (listing(map(parameter_entry, (
+        spec for spec in module.PARAMETERS
+        if spec.fixed is kind and not listed_elsewhere(node, spec)))) for kind in (True, False))
     if not changing:
         return fixed
     return f'*Fixed:*\n\n{fixed}\n*Any time:*\n\n{changing}'
 
 
 def listed_elsewhere(node, spec):
-    """Return whether the table of a node leaves a parameter to that of something else."""
+    """Return whether the list of a node leaves a parameter to that of something else."""
     from tp_controller.ros.interface.settings_parameters import SETTINGS
     from tp_controller.ros.parameters import ROBOT
     return spec in {'controller': SETTINGS, 'simulator': ROBOT}.get(node, ())
 
 
-def parameter_table(specs):
-    """Return a table of parameters; an empty text without one."""
-    rows = []
-    for spec in specs:
-        cell = with_range(literal(spec.default), interval(spec.lower, spec.upper), spec.unit)
-        rows.append((f'`{spec.name}`', cell, spec.description))
-    return table(('parameter', 'default, range', 'meaning'), rows) if rows else ''
+def parameter_entry(spec):
+    """Return a parameter with its default and range, and its description."""
+    values = with_range(literal(spec.default), interval(spec.lower, spec.upper), spec.unit)
+    return f'`{spec.name}` ({values})' if values else f'`{spec.name}`', spec.description
 
 
 def goals():
@@ -423,11 +417,9 @@ def goals():
         takers = [f'`{name}`' for name, task in types_in_order().items()
                   if kind in (task.feed_forward_type,) * (entry.topic == 'twist')
                   or (entry.topic != 'twist' and kind in goal_types(task))]
-        rows.append((', '.join(takers), f'`~/<task>/{entry.topic}`',
-                     f'`{message_name(entry.kind)}`', GOALS[kind][1],
-                     'yes' if entry.framed else 'no'))
-    return table(('tasks', 'topic', 'type', 'fields that count', '`header.frame_id` counts'),
-                 rows)
+        rows.append((f'`~/<task>/{entry.topic}`', f'`{message_name(entry.kind)}`',
+                     GOALS[kind][1], ', '.join(takers)))
+    return table(('topic', 'type', 'fields that count', 'tasks'), rows)
 
 
 def topics(node):
@@ -520,7 +512,7 @@ def message_name(kind):
 
 
 def status():
-    """Return the table of the keys of a status message, read off a message."""
+    """Return the lists of the keys of a status message, read off a message."""
     from builtin_interfaces.msg import Time
     from tp_controller.ros.interface.status import diagnostics
     from tp_controller.ros.interface.task_topics import GoalRecord
@@ -532,14 +524,14 @@ def status():
     message = diagnostics(Time(), NODE, '', report, controller,
                           {'tool': GoalRecord(listeners={'goal': 1})}, Figures(0.01).as_text(),
                           lambda: None)
-    tables = []
+    lists = []
     for of, entry in zip(('the node', 'a task'), message.status):
         rows = {}
         for value in entry.values:
             rows.setdefault(STATUS[value.key], []).append(f'`{value.key}`')
-        tables.append(table((f'key of {of}', 'meaning'),
-                            [(', '.join(keys), meaning) for meaning, keys in rows.items()]))
-    return '\n'.join(tables)
+        keys = listing((', '.join(keys), meaning) for meaning, keys in rows.items())
+        lists.append(f'*Keys of {of}:*\n\n{keys}')
+    return '\n'.join(lists)
 
 
 def messages():

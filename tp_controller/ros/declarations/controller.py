@@ -47,20 +47,19 @@ PARAMETERS = (
          'be driven)', fixed=True),
     Spec('command_joints', [''], 'the driven joints in the order of the commands (an empty name: '
          'as `joints`)', fixed=True),
-    Spec('output', 'velocity', 'commands for the joints: velocity; position, integrated from the '
-         'velocities, for a robot without an interface for velocities; or trajectory, the same as '
-         f'trajectories of one point ({", ".join(OUTPUTS)})', fixed=True, valid=OUTPUTS),
-    Spec('lead', 0.2, 'for the outputs position and trajectory: time by which a robot may be late '
-         'before commanded positions wait for it; at least the lag of its drives', 's', 0.0, 10.0,
-         True),
-    Spec('cmd_vel_stamped', True, 'publish cmd_vel of a moving base as TwistStamped, as '
-         'diff_drive_controller requires it since Jazzy; else as Twist', fixed=True),
+    Spec('output', 'velocity', 'commands for the joints: velocities; or, for a robot without an '
+         'interface for them, positions, as such or as trajectories of one point '
+         f'({", ".join(OUTPUTS)})', fixed=True, valid=OUTPUTS),
+    Spec('lead', 0.2, 'time by which a robot may be late before commanded positions wait for it; '
+         'at least the lag of its drives', 's', 0.0, 10.0, True),
+    Spec('cmd_vel_stamped', True, 'publish cmd_vel as TwistStamped, as diff_drive_controller '
+         'requires it since Jazzy; else as Twist', fixed=True),
     Spec('stack', '', 'the tasks, the highest priority first: YAML text, a path, or '
          'package://<package>/<path>'),
     Spec('rate', 100.0, 'cycles per second; 0: one cycle for each complete joint state', 'Hz',
          0.0, 2000.0, True),
-    Spec('state_timeout', 0.1, 'age of the joint states, and of the odometry of a moving '
-         'base, since their receipt, from which zeros are commanded', 's', 1e-3, 10.0, True),
+    Spec('state_timeout', 0.1, 'age of joint states, and of odometry, since their receipt, '
+         'from which zeros are commanded', 's', 1e-3, 10.0, True),
     Spec('check_stamps', True, 'ignore joint states that are older than `state_timeout` by their '
          'stamps, or ahead of time', fixed=True),
     Spec('jump_tolerance', 0.1, 'distance that a joint may move beyond what its velocity limit, '
@@ -71,14 +70,13 @@ PARAMETERS = (
     Spec('limit_tolerance', 0.05, 'distance of a joint beyond a position limit at which the '
          'robot is stopped until ~/start (inf: never)', 'rad or m', 0.0, math.inf),
     Spec(LOCKED, [''], 'driven joints, or velocities of a moving base, that stay where they are '
-         'while the others go on, such as those that have failed (an empty name: none)'),
+         'while the others go on (an empty name: none)'),
     Spec('follow_window', 1.0, 'time after which a joint, or a base, that does not follow its '
          'command stops the robot until ~/start (0: never)', 's', 0.0, 60.0, True),
     Spec('on_not_following', STOP, 'reaction to a joint that alone does not follow: stop, or lock '
-         'it, and go on with the others; a second one within ten times `follow_window` stops the '
-         f'robot ({", ".join(REACTIONS)})', valid=REACTIONS),
-    Spec('settle_time', 0.3, 'time that everything has to be in order before the robot moves '
-         'again, after a stop that ends by itself', 's', 0.0, 60.0, True),
+         f'it, and go on with the others ({", ".join(REACTIONS)})', valid=REACTIONS),
+    Spec('settle_time', 0.3, 'time that everything has to be in order before motion resumes, '
+         'after a stop that ends by itself', 's', 0.0, 60.0, True),
     Spec('exclusive', True, 'stop until ~/start, and publish nothing, if another node publishes '
          'the same commands', fixed=True),
     Spec('require_listener', False, 'stop while no node other than watchdogs listens to the '

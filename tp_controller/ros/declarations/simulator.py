@@ -21,8 +21,8 @@ PARAMETERS = (
          'longest time between two joint states that is promised as a deadline (QoS), of the '
          'wall clock (0: none)', 's', 0.0, 60.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
-         'of it, with base_x, base_y … base_yaw for a base that moves; a joint that is left out '
-         'starts at zero, or in the middle of its range where zero is outside or near a limit',
+         'of it, with base_x, base_y … base_yaw for a moving base; other joints start at zero, or '
+         'in the middle of their range where zero is outside or near a limit',
          fixed=True),
     Spec('noise', 0.0, 'standard deviation of measured positions', 'rad or m', 0.0, 1.0, True),
     Spec('delay', 0.0, 'time from a command to its effect, simulated', 's', 0.0, 10.0, True),

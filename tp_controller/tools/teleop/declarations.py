@@ -6,7 +6,7 @@
 from tp_controller.ros.declarations.spec import Spec
 from tp_controller.tools.teleop.mapping import DIRECTIONS
 
-SUM = ', as a sum such as axis 1 or button 14 - button 13'
+SUM = ', a sum such as axis 1 - button 13'
 PARAMETERS = (
     Spec('controller', 'tp_controller', 'name of the controller node, with its namespace',
          fixed=True),
@@ -15,15 +15,15 @@ PARAMETERS = (
     Spec('joy_topic', 'joy', 'axes and buttons of the device (sensor_msgs/Joy)', fixed=True),
     Spec('twist_topic', '', 'twists of the device, in place of axes (empty: none)', fixed=True),
     Spec('twist_stamped', True, 'type of `twist_topic`: TwistStamped, else Twist', fixed=True),
-    Spec('pose_topic', '', 'poses of the device in its own world, that the tool follows while '
-         'the dead-man switch is pressed, in place of axes (empty: none)', fixed=True),
+    Spec('pose_topic', '', 'poses of the device in its own world, that the tool follows, in '
+         'place of axes (empty: none)', fixed=True),
     Spec('pose_type', 'PoseStamped', 'type of `pose_topic`: PoseStamped or Odometry', fixed=True),
     Spec('unitless', True, 'twists are deflections from -1 to 1, that are scaled; else m/s and '
          'rad/s', fixed=True),
     *(Spec(name, '', f'deflection {"about" if name[0] == "r" else "along"} {name[-1]}{SUM} '
            '(empty: none)', fixed=True) for name in DIRECTIONS),
     Spec('dead_man', '', f'switch that has to be pressed for motion{SUM} (empty: none, a device '
-         'at rest is one that is not pressed)', fixed=True),
+         'at rest counts as open)', fixed=True),
     Spec('dead_man_topic', '', 'switch in place of `dead_man`, for poses (std_msgs/Bool; empty: '
          'none)', fixed=True),
     Spec('gripper', '', f'button whose state is published on ~/gripper{SUM} (empty: none)',
@@ -38,9 +38,8 @@ PARAMETERS = (
     Spec('linear_scale', 0.1, 'speed at full deflection', 'm/s', 0.0, 10.0),
     Spec('angular_scale', 0.5, 'angular speed at full deflection', 'rad/s', 0.0, 20.0),
     Spec('deadband', 0.1, 'deflection up to which an axis counts as at rest', '', 0.0, 0.9),
-    Spec('frame', '', 'frame of the robot that the twists are expressed in, such as that of the '
-         'tool (empty: that of the messages, else the reference of the task); of poses, that of '
-         'the tool or the reference'),
+    Spec('frame', '', 'frame of the robot that the twists are expressed in (empty: that of the '
+         'messages, else the reference of the task); of poses, that of the tool or the reference'),
     Spec('pose_scale', 1.0, 'motion of the tool per motion of the device', '', 0.0, 10.0),
     Spec('pose_turn_scale', 1.0, 'angle of the tool per angle of the device', '', 0.0, 10.0),
     Spec('pose_deadband', 0.001, 'motion of the device that moves nothing, after each change of '
