@@ -137,6 +137,8 @@ TELEOP_TOPICS = {
     '~/status': '`driving`, or why nothing moves, ten times a second and when it changes',
     '~/gripper': 'state of the button `gripper`, when it changes',
 }
+DIRECTIONS = {('in',): 'Subscribed', ('out',): 'Published', ('service',): 'Services',
+              ('in', 'out'): 'Subscribed and published'}
 # Page about a command, or section of one.
 COMMAND_PAGES = {
     'demo': 'docs/robots.md#three-robots-at-work', 'goal': 'docs/ros.md#goals-from-the-shell',
@@ -423,20 +425,20 @@ def goals():
 
 
 def topics(node):
-    """Return the table of topics and services, read off a running node."""
+    """Return the lists of topics and services, read off a running node."""
     described = {'controller': TOPICS, 'simulator': SIMULATOR_TOPICS,
                  'watchdog': WATCHDOG_TOPICS, 'teleop': TELEOP_TOPICS}[node]
     opened = interfaces(node)
     # In the graph of ROS the loop of the controller is a node of its own.
     several = len({owner for *_, owner in opened}) > 1
-    rows = {}
+    rows, lists = {}, {}
     for direction, name, kind, owner in opened:
         kind = '[by task](docs/ros.md#goals)' if name == '~/<task>/goal' else f'`{kind}`'
-        at = (f'`{owner}`',) if several else ()
-        directions = rows.setdefault((f'`{name}`', kind, *at, described[name]), {})
-        directions[direction] = True
-    return table(('direction', 'name', 'type', *(('node',) if several else ()), 'meaning'),
-                 [(', '.join(directions), *row) for row, directions in rows.items()])
+        entry = f'`{name}` ({kind})', described[name]
+        rows.setdefault((f', at `{owner}`' if several else '', entry), {})[direction] = True
+    for (at, entry), directions in rows.items():
+        lists.setdefault(f'*{DIRECTIONS[tuple(directions)]}{at}:*', []).append(entry)
+    return '\n'.join(f'{head}\n\n{listing(entries)}' for head, entries in lists.items())
 
 
 @cache

@@ -182,16 +182,17 @@ def test_generated_tables_about_the_nodes_are_current(page, generate):
         'run: python docs/generate.py'
 
 
-def test_table_of_topics_names_the_node_at_which_ros_tools_show_them(generate):
+def test_lists_of_topics_name_the_node_at_which_ros_tools_show_them(generate):
     pytest.importorskip('rclpy')
-    _, _, *lines = generate.topics('controller').splitlines()
-    rows = [line.split(' | ') for line in lines]
-    nodes = {name.strip('`'): node for _, name, _, node, _ in rows}
+    nodes = {}
+    for part in re.split(r'^\*', generate.topics('controller'), flags=re.MULTILINE)[1:]:
+        head, _, entries = part.partition(':*')
+        nodes |= dict.fromkeys(re.findall('^- `(\\S+)`', entries, re.MULTILINE), head)
     for name in ('joint_states', 'velocity_controller/commands', '~/stop'):
-        assert nodes[name] == '`tp_controller_loop`'
+        assert nodes[name].endswith(', at `tp_controller_loop`')
     for name in ('~/status', '~/start', '~/<task>/goal'):
-        assert nodes[name] == '`tp_controller`'
-    assert len(generate.topics('watchdog').partition('\n')[0].split(' | ')) == 4
+        assert nodes[name].endswith(', at `tp_controller`')
+    assert generate.topics('watchdog').startswith('*Subscribed and published:*')
 
 
 def test_every_table_is_shown(generate):
