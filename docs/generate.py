@@ -49,7 +49,6 @@ EVERY_NODE = ('lifecycle_msgs', 'rcl_interfaces', 'type_description_interfaces')
 DECLARING = ('test_joint_states', 'test_odometry', 'test_stops', 'test_outputs',
              'test_locks', 'test_permits', 'test_faults')
 NAMESPACE, NODE = '/namespace', 'tp_controller'
-KEY_TITLES = ('key', 'default, range', 'meaning')
 GENERAL_KEYS = 'docs/tasks.md#what-all-tasks-have-in-common'
 # Packages of the nodes that are tools.
 PARTS = {'viewer': 'tools.view', 'teleop': 'tools.teleop'}
@@ -279,29 +278,29 @@ def goal_types(kind):
 
 
 def keys(name):
-    """Return the keys of a task type: a table, and those that are described elsewhere."""
-    rows, general = key_rows(task_types()[name]), key_rows(Task)
+    """Return the keys of a task type: a list, and those that are described elsewhere."""
+    rows, general = key_entries(task_types()[name]), key_entries(Task)
     shown = {}
     for other, kind in next((kinds for kinds in families().values() if name in kinds), {}).items():
         if other == name:
             break
-        for row in key_rows(kind):
+        for row in key_entries(kind):
             shown.setdefault(row, other)
     new, known = [row for row in rows if row not in {*shown, *general}], {}
     for row in rows:
         if row in shown and row not in general:
-            known.setdefault(shown[row], []).append(row[0])
+            known.setdefault(shown[row], []).append(key_of(row))
     lines = [f'As for [{other}](#{other}): {", ".join(names)}.' for other, names in known.items()]
     lines += general_part(rows, general)
-    return '\n'.join((*([table(KEY_TITLES, new)] if new else ()),
+    return '\n'.join((*([listing(new)] if new else ()),
                       *([' '.join(lines) + '\n'] if lines else ())))
 
 
 def general_part(rows, general):
     """Yield the shorter sentence about keys of all tasks that a type lacks or has; none if all."""
-    names = {row[0] for row in rows}
-    taken = [row[0] for row in general if row in rows]
-    lacking = [row[0] for row in general if row[0] not in names]
+    names = set(map(key_of, rows))
+    taken = [key_of(row) for row in general if row in rows]
+    lacking = [key_of(row) for row in general if key_of(row) not in names]
     if len(lacking) >= len(taken):
         yield f'Of the [keys of all tasks]({GENERAL_KEYS}) only {", ".join(taken)}.'
     elif lacking:
@@ -309,12 +308,17 @@ def general_part(rows, general):
 
 
 def general_keys():
-    """Return the table of the keys that all types share."""
-    return table(KEY_TITLES, key_rows(Task))
+    """Return the list of the keys that all types share."""
+    return listing(key_entries(Task))
 
 
-def key_rows(kind):
-    """Return the rows of a table of the keys of a task type."""
+def key_of(row):
+    """Return the key of an entry, without its default and range."""
+    return row[0].partition(' ')[0]
+
+
+def key_entries(kind):
+    """Return the entries of the list of the keys of a task type."""
     described, valid, rows = kind.described_keys(), kind.key_ranges(), []
     for key, default in kind.accepted_keys().items():
         if key == 'accept':
@@ -323,14 +327,15 @@ def key_rows(kind):
         if key == 'tolerance':
             default = '{' + ', '.join(f'{unit}: {value:g}'
                                       for unit, value in DEFAULT_TOLERANCE.items()) + '}'
-        rows.append((f'`{key}`', with_range(literal(default), valid[key]), described[key]))
+        rows.append((with_range(key, literal(default), valid[key]), described[key]))
     return rows
 
 
-def with_range(default, values, unit=''):
-    """Return the cell of a default and its range, the default first; any part may be empty."""
+def with_range(name, default, values, unit=''):
+    """Return a name with its default and range, the default first; any part may be empty."""
     parts = (values,) if default and values.startswith(default) else (default, values)
-    return f'{", ".join(filter(None, parts))} {unit}'.strip()
+    text = f'{", ".join(filter(None, parts))} {unit}'.strip()
+    return f'`{name}` ({text})' if text else f'`{name}`'
 
 
 def classes():
@@ -340,15 +345,14 @@ def classes():
 
 
 def settings():
-    """Return the table of settings."""
+    """Return the list of settings."""
     rows = []
     for item in fields(Settings):
         about = item.metadata
         values = interval(about.get('lower'), about.get('upper'), about.get('valid', ()))
-        rows.append((f'`{item.name}`',
-                     with_range(literal(item.default), values, about['unit']),
+        rows.append((with_range(item.name, literal(item.default), values, about['unit']),
                      about['description']))
-    return table(('setting', 'default, range', 'meaning'), rows)
+    return listing(rows)
 
 
 def commands():
@@ -407,8 +411,8 @@ def listed_elsewhere(node, spec):
 
 def parameter_entry(spec):
     """Return a parameter with its default and range, and its description."""
-    values = with_range(literal(spec.default), interval(spec.lower, spec.upper), spec.unit)
-    return f'`{spec.name}` ({values})' if values else f'`{spec.name}`', spec.description
+    values = interval(spec.lower, spec.upper)
+    return with_range(spec.name, literal(spec.default), values, spec.unit), spec.description
 
 
 def goals():
