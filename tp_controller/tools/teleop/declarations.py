@@ -20,8 +20,9 @@ PARAMETERS = (
     Spec('pose_type', 'PoseStamped', 'type of `pose_topic`: PoseStamped or Odometry', fixed=True),
     Spec('unitless', True, 'twists are deflections from -1 to 1, that are scaled; else m/s and '
          'rad/s', fixed=True),
-    *(Spec(name, '', f'deflection {"about" if name[0] == "r" else "along"} {name[-1]}{SUM} '
-           '(empty: none)', fixed=True) for name in DIRECTIONS),
+    Spec('x', '', f'deflection along x{SUM} (empty: none)', fixed=True),
+    *(Spec(name, '', f'the same {"about" if name[0] == "r" else "along"} {name[-1]}', fixed=True)
+      for name in DIRECTIONS if name != 'x'),
     Spec('dead_man', '', f'switch that has to be pressed for motion{SUM} (empty: none, a device '
          'at rest counts as open)', fixed=True),
     Spec('dead_man_topic', '', 'switch in place of `dead_man`, for poses (std_msgs/Bool; empty: '
