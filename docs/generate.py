@@ -156,7 +156,7 @@ STATUS = {
        for which in ('median', 'p99', 'max')},
     **{f'state to command {which} [ms]': 'time from the receipt of joint states to the command'
        for which in ('median', 'p99', 'max')},
-    'overruns': 'cycles that began more than a period late, or took longer than a period',
+    'overruns': 'cycles that began, or took, more than a period too long',
     'solver': '[which one](docs/core.md) runs: `compiled` or `python`',
     'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop stood still for longer than `state_timeout`',
@@ -164,18 +164,18 @@ STATUS = {
     'lead': 'with [positions](docs/ros.md#positions-in-place-of-velocities): largest distance '
             'of a joint from its commanded position, as a share of the one allowed',
     'ignored description': 'what to do about another `robot_description` that has arrived',
-    'other publishers': 'number of other nodes that publish the same commands',
-    'listeners': 'number of nodes, besides watchdogs, that listen to the commands',
-    'watchdogs': 'number of watchdogs that do',
-    'type': 'type of the task',
+    'other publishers': 'other nodes that publish the same commands',
+    'listeners': 'other nodes that listen to the commands, besides watchdogs',
+    'watchdogs': 'watchdogs that do',
+    'type': 'its type',
     'level': 'level in the stack, 1 is the highest; `disabled` for a disabled task',
     'status': '`reached`, `satisfied` (bounds), `moving`, `limited`, `failed`, `disabled` or '
               '`stopped` (zeros are commanded)',
     'error [m]': 'norm of the error, or distance outside its bounds; one key for each unit: '
                  '`[m]`, `[rad]`, `[1]` for ratios, `[m/s]`, `[rad/s]` for velocities',
     'tolerance [m]': 'error below which the goal counts as reached; one key for each unit',
-    **{f'{which} speed': 'norm of the velocity that the task demands, and of the part of it that '
-                         'is commanded' for which in ('wanted', 'achieved')},
+    **{f'{which} speed': 'norm of the demanded velocity, and of the part that is commanded'
+       for which in ('wanted', 'achieved')},
     'progress': 'share of the time of its [trajectory](docs/trajectories.md) that has passed',
     'hint': 'what would help',
     'reason': 'what limits or blocks the task',
@@ -186,8 +186,8 @@ STATUS = {
     'last refusal': 'reason of the last refusal',
     'gain warning': 'whether its gain is [too high](docs/method.md#time-steps-and-gains) at the '
                     'rate of the last cycles',
-    'goal warning': 'probable mistake in the last goal accepted: out of reach, or coordinates '
-                    'that do not count',
+    'goal warning': 'probable mistake in the last goal: out of reach, or coordinates that do not '
+                    'count',
     'goal listeners': 'subscriptions to `~/<task>/goal`, the controller among them; one key for '
                       'each topic of the task',
 }
@@ -229,7 +229,6 @@ def summary(described):
     """Return the first line of a docstring, without its sources and final full stop."""
     line = inspect.getdoc(described).partition('\n')[0]
     return re.sub(r' \((lecture|slides|lab|wiki|notes)\b.*\)', '', line).rstrip('.')
-
 
 # What needs no ROS -----------------------------------------------------------------------
 
@@ -387,7 +386,6 @@ def launch_arguments(name):
                          ast.literal_eval(values['description'])))
     return table(('argument', 'default', 'meaning'), rows)
 
-
 # What needs ROS --------------------------------------------------------------------------
 
 
@@ -416,16 +414,17 @@ def parameter_entry(spec):
 
 
 def goals():
-    """Return the table of goal messages."""
+    """Return the lists of goal messages by topic."""
     from tp_controller.ros.interface import goal_messages as messages
-    rows = []
+    lists = {}
     for kind, entry in (*messages.GOALS.items(), *messages.FEED_FORWARD.items()):
         takers = [f'`{name}`' for name, task in types_in_order().items()
                   if kind in (task.feed_forward_type,) * (entry.topic == 'twist')
                   or (entry.topic != 'twist' and kind in goal_types(task))]
-        rows.append((f'`~/<task>/{entry.topic}`', f'`{message_name(entry.kind)}`',
-                     GOALS[kind][1], ', '.join(takers)))
-    return table(('topic', 'type', 'fields that count', 'tasks'), rows)
+        lists.setdefault(entry.topic, []).append(
+            (f'`{message_name(entry.kind)}` ({GOALS[kind][1]})', ', '.join(takers)))
+    return '\n'.join(f'*`~/<task>/{topic}`:*\n\n{listing(entries)}'
+                     for topic, entries in lists.items())
 
 
 def topics(node):
@@ -600,7 +599,6 @@ ROS_REGIONS = {
     'parameters viewer': lambda: parameters('viewer'),
 }
 
-
 # Pages of the site only ------------------------------------------------------------------
 
 
@@ -645,7 +643,6 @@ def write_site_pages(folder):
         path, text = folder / f'{name}.md', page()
         if not path.exists() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')
-
 
 # Pages -----------------------------------------------------------------------------------
 

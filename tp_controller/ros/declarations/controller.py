@@ -91,10 +91,10 @@ PARAMETERS = (
     *PERMITS,
     Spec('watchdog_timeout', 0.2, 'time without a completed cycle after which zeros are commanded',
          's', 0.01, 10.0, True),
-    Spec('command_deadline', 0.0, 'longest time between two commands that is promised as a '
-         'deadline (QoS), which costs time in every cycle (0: none)', 's', 0.0, 60.0, True),
-    Spec('state_deadline', 0.0, 'longest time between two joint states that is requested as a '
-         'deadline (QoS) (0: none)', 's', 0.0, 60.0, True),
+    Spec('command_deadline', 0.0, 'deadline (QoS) of the commands that is promised, which costs '
+         'time in every cycle (0: none)', 's', 0.0, 60.0, True),
+    Spec('state_deadline', 0.0, 'deadline (QoS) of joint states that is requested (0: none)', 's',
+         0.0, 60.0, True),
     Spec('autostart', True, 'configure and activate the node at once', fixed=True),
     Spec('realtime_priority', 0, 'priority of the thread of the loop, from 1 to 99 (SCHED_FIFO); '
          '0: as other threads', '', 0, 99, True),

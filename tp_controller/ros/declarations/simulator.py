@@ -18,8 +18,8 @@ PARAMETERS = (
     Spec('command_timeout', 0.1, 'time without a command after which the joints, or the base, '
          'stop, of the wall clock', 's', 1e-3, 10.0, True),
     Spec('state_deadline', 0.0,
-         'longest time between two joint states that is promised as a deadline (QoS), of the '
-         'wall clock (0: none)', 's', 0.0, 60.0, True),
+         'deadline (QoS) of joint states that is promised, of the wall clock (0: none)', 's', 0.0,
+         60.0, True),
     Spec('initial_positions', '', 'positions at the start, as YAML {joint: position} or a file '
          'of it, with base_x, base_y … base_yaw for a moving base; other joints start at zero, or '
          'in the middle of their range where zero is outside or near a limit',
