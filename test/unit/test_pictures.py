@@ -74,7 +74,7 @@ def test_a_picture_drawn_again_is_the_same_and_its_bounds_are_kept(pictures, tmp
 def test_humanoid_reaches_as_far_as_the_page_says(pictures):
     urdf_path('talos')  # skips where it is missing
     text = (DOCS / 'tasks' / 'inequality.md').read_text(encoding='utf-8')
-    said = re.search(r'The hand ends (\d+) mm before .* (\d+) mm inside of the edge.*\n?.* '
+    said = re.search(r'The hand ends (\d+) mm before .* (\d+) mm inside of the edge; .* '
                      r'(\d+) mm in front of the toes', text)
     scene = pictures.SCENES['com_polygon']
     runs = [pictures.Run(scene, 'com_polygon', without=off) for off in (False, True)]

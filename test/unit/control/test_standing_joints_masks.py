@@ -69,7 +69,7 @@ def assert_no_leak(cycle):
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2 ** 32 - 1), locks=st.integers(1, 3), accelerates=st.booleans())
 @pytest.mark.slow
-def test_locked_joints_stand_and_levels_keep_their_order_and_their_joints(seed, locks, accelerates):
+def test_locked_joints_stand_and_levels_keep_order_and_joints(seed, locks, accelerates):
     rng = np.random.default_rng(seed)
     one, other = pair(rng, accelerates)
     locked = sorted(rng.choice(7, locks, replace=False).tolist())
