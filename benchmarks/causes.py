@@ -4,7 +4,8 @@
 """
 Compare the causes in the reports of robots in motion with what happens without each of them.
 
-Run as ``python benchmarks/causes.py``; ``--tasks 20`` for a first impression. A robot drives from
+Run as ``python benchmarks/causes.py``; ``--tasks 20`` for a first impression, ``--masks`` for
+stacks whose tasks may move some joints only, and weigh their rows. A robot drives from
 goal to goal. At random moments every limit of every joint, and every task above, is taken away in
 turn: the robot gets a copy without the limit, the stack runs without the task, and the controller
 goes on with the same demands until its command has settled; what it remembers of curvature never
@@ -25,7 +26,7 @@ limited, when a report is read right after another one.
 import argparse
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 import time
 from typing import Any
@@ -40,6 +41,8 @@ from tp_controller.control.report import Report
 from tp_controller.control.solved_cycle import SolvedCycle
 from tp_controller.control.velocity_limits import VelocityBounds
 from tp_controller.tasks.stack import levels_of
+from tp_controller.tasks.task import Evaluation
+import yaml
 
 SEED, TASKS = 0, 500
 NOTABLE = 0.1
@@ -52,6 +55,8 @@ ACCELERATIONS = None, 3.0, 8.0, 15.0
 # A command has settled if it and the memory change by at most this in a number of cycles [rad/s or
 # m/s, and relative].
 STILL, SETTLED, CYCLES, MOST_CYCLES = 1e-9, 1e-6, 5, 2000
+# How often a task leaves out some joints, and has weights of its rows.
+MASKED, WEIGHTED = 0.6, 0.4
 # {robot: stacks}
 CASES = {
     'Panda': ("""
@@ -151,13 +156,19 @@ class Scene:
         cycle = self.solved.cycle
         return cycle.solver.solve(cycle.levels, self.bounds(self.robot), cycle.memory).velocity
 
-    def lasting(self, robot: Robot | None = None, without: str = '') -> dict[str, float]:
-        """Return how much each task misses once the command has settled in this state."""
+    def lasting(self, robot: Robot | None = None, without: str = '', unmasked: str = ''
+                ) -> dict[str, float]:
+        """
+        Return how much each task misses once the command has settled in this state.
+
+        Optionally with the limits of a robot, without a task, or with all joints for another.
+        """
         cycle, bounds = self.solved.cycle, self.bounds(robot or self.robot)
         groups = [[each for each in group if each.task.name != without]
                   for group in self.solved.evaluations]
         kept = [index for index, group in enumerate(groups) if group]
-        levels = levels_of([groups[index] for index in kept])
+        levels = levels_of([[_with_all_joints(each) if each.task.name == unmasked else each
+                             for each in groups[index]] for index in kept])
         most = np.array(cycle.memory or (0.0,) * len(cycle.levels))[kept]
         memory = tuple(most)
         velocity, still = self.solved.velocity, 0
@@ -192,10 +203,17 @@ class Scene:
             task = evaluation.task
             yield ('bounds' if task.bounded else 'task', task.name), self.lasting(
                 without=task.name)
+            if task.joint_mask is not None:
+                yield ('joints', task.name), self.lasting(unmasked=task.name)
         for index, joint in enumerate(self.robot.velocity_names):
             for kind, (attribute, value) in LIMITS.items():
                 yield (kind, joint), self.lasting(without_limits(
                     self.robot, attribute, value, index))
+
+
+def _with_all_joints(evaluation: Evaluation) -> Evaluation:
+    """Return an evaluation whose level may move all joints."""
+    return replace(evaluation, level=replace(evaluation.level, joints=None))
 
 
 def without_limits(robot: Robot, attribute: str, value: float, index: Any = slice(None)) -> Robot:
@@ -221,8 +239,24 @@ class Findings:
     faults: list[str] = field(default_factory=list)
 
 
-def drive(case: str, number: int) -> Iterator[Scene]:
-    """Yield some moments of a run by its number."""
+def masked(text: str, robot: Robot, random: np.random.Generator) -> Stack:
+    """Return a stack in which most tasks may move some joints only, and some have weights."""
+    entries, names = yaml.safe_load(text), np.array(robot.velocity_names)
+    for entry in entries:
+        for task in entry.values():
+            count = int(random.integers(1, max(2, len(names) // 2)))
+            some = random.choice(names, count, replace=False).tolist()
+            if random.random() < MASKED:
+                # Rows of joint tasks have the same name.
+                task['excluded_joints'] = some
+            if random.random() < WEIGHTED:
+                task['weights'] = {'m': float(10.0 ** random.uniform(-1.0, 1.0))} \
+                    if task['type'] == 'pose' else float(10.0 ** random.uniform(-1.0, 1.0))
+    return Stack(entries, robot)
+
+
+def drive(case: str, number: int, masks: bool = False) -> Iterator[Scene]:
+    """Yield some moments of a run by its number; see `masked`."""
     stacks = CASES[case]
     random = np.random.default_rng([SEED, number])
     robot = load_robot(case, random.choice(np.array(ACCELERATIONS, dtype=object)))
@@ -232,7 +266,8 @@ def drive(case: str, number: int) -> Iterator[Scene]:
         weights=tuple(10.0 ** random.uniform(-1.0, 1.0, robot.n))
         if random.random() < 0.3 else None)
     text = stacks[random.integers(len(stacks))]
-    controller = Controller(robot, Stack.from_yaml(text, robot), settings)
+    stack = masked(text, robot, random) if masks else Stack.from_yaml(text, robot)
+    controller = Controller(robot, stack, settings)
     q, change, moment = configuration(robot, random), 0.0, 0.0
     for cycle in range(int(RUN / PERIOD)):
         now = cycle * PERIOD
@@ -276,11 +311,12 @@ def compare(scene: Scene, title: str, findings: Findings) -> None:
     order = [task.name for task in scene.report.tasks]
     for removed, left in scene.alone():
         for task in limited:
-            if removed[1] not in order[order.index(task.name):] \
-                    and scene.couples(task.name, removed[1]):
+            own = removed == ('joints', task.name)
+            if own or (removed[1] not in order[order.index(task.name):]
+                       and (removed[0] == 'joints' or scene.couples(task.name, removed[1]))):
                 _count(title, task.name, removed, (lasting[task.name] - left[task.name])
                        / max(now[task.name], lasting[task.name]),
-                       named[task.name].get(removed, 0.0), findings)
+                       named[task.name].get(('joints', '') if own else removed, 0.0), findings)
     velocity = scene.accelerated()
     if np.abs(velocity - scene.solved.velocity).max() > STILL:
         accelerated = scene.missing(velocity)
@@ -306,11 +342,11 @@ def _count(title: str, task: str, cause: tuple[str, str], share: float, given: f
         findings.faults.append(f'{title}: {task}, {cause}: {share:.3f}, not {given:.3f}')
 
 
-def measure(case: str, tasks: int) -> Findings:
+def measure(case: str, tasks: int, masks: bool) -> Findings:
     """Return what runs come to, with at least this many limited tasks."""
     findings, number = Findings(), 0
     while findings.tasks < tasks:
-        for moment, scene in enumerate(drive(case, number)):
+        for moment, scene in enumerate(drive(case, number, masks)):
             if findings.tasks < tasks:
                 compare(scene, f'{case}, run {number}, moment {moment}', findings)
         number += 1
@@ -322,12 +358,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--tasks', type=int, default=TASKS, help='limited tasks of each robot')
     parser.add_argument('--cases', nargs='+', choices=CASES, default=list(CASES))
+    parser.add_argument('--masks', action='store_true',
+                        help='tasks may move some joints only, and weigh their rows')
     options = parser.parse_args()
     print('| robot | limited tasks | true causes | found | right | within 0.1 | off by '
           '| µs: median | 99th percentile |\n|' + ' --- |' * 9, flush=True)
     faults = []
     for case in options.cases:
-        findings = measure(case, options.tasks)
+        findings = measure(case, options.tasks, options.masks)
         faults.extend(findings.faults)
         median, most = np.percentile(findings.times, (50, 99))
         shares = np.array(findings.shares)
