@@ -19,6 +19,7 @@ from tp_controller.model.joint_groups import check_velocities
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
+from tp_controller.tasks.task import Task
 
 
 class JointInputs(TrajectoryInputs):
@@ -149,13 +150,17 @@ class JointInputs(TrajectoryInputs):
         names = np.array(self.robot.velocity_names)
         return np.where(np.isin(names, list(self._locked)), 0.0, self._velocity_limits)
 
-    def _checked_posture(self, posture: ArrayLike) -> Array:
-        """Return positions of all joints (n,), NaN for locked ones, or raise `GoalError`."""
-        found, place = super()._checked_posture(posture), self.configuration()
+    def _checked_posture(self, task: Task, posture: ArrayLike) -> Array:
+        """Return positions (n,), NaN where the task cannot move a joint, or raise `GoalError`."""
+        found, place = super()._checked_posture(task, posture), self.configuration()
         for index, name in enumerate(self.robot.joint_names):
-            if name not in self._locked:
+            if name in self._locked:
+                why = 'is locked'
+            elif task.joint_mask is not None and not task.joint_mask[index]:
+                why = f'task {task.name!r} must not move'
+            else:
                 continue
             if place is not None and abs(found[index] - place[0][index]) > ARRIVED:
-                raise GoalError(f'the posture that leads to a goal moves {name}, which is locked')
+                raise GoalError(f'the posture that leads to a goal moves {name}, which {why}')
             found[index] = np.nan
         return found

@@ -21,7 +21,7 @@ class Lead(NamedTuple):
 
     The demand is one for all joints, K times the way to the posture, at most as fast as their
     velocity limits allow together: so they move along a straight line, between two points within
-    the position limits.
+    the position limits. The task moves only its own joints.
 
     Attributes
     ----------
@@ -43,7 +43,9 @@ class Lead(NamedTuple):
         # A joint whose limit is zero stays where it is, whatever is demanded.
         limits = task.robot.velocity
         excess = float((np.abs(velocity) / np.where(limits > 0.0, limits, np.inf)).max())
-        return Evaluation(task, Level.of_joints(velocity / max(excess, 1.0)), evaluation.error)
+        level = Level.of_joints(velocity / max(excess, 1.0))
+        level.joints = task.joint_mask
+        return Evaluation(task, level, evaluation.error)
 
     def _way(self, state: RobotState) -> Array:
         """Return the distances (n,) to the posture."""

@@ -20,6 +20,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.keys import finite_vector, Gain, Tolerance
 from tp_controller.tasks.stack import Stack
+from tp_controller.tasks.task import Task
 from tp_controller.tasks.task_errors import accept
 
 
@@ -129,7 +130,8 @@ class TaskInputs:
         accept(task, check_goal, task, goal, self._states.present, self._settings)
         own = frame is None or (isinstance(frame, str) and frame == task.reference)
         remarks = accept(task, task.goal_remarks, goal, not own)
-        lead = None if posture is None else Lead(self._checked_posture(posture))
+        lead = None if posture is None else Lead(
+            self._checked_posture(task, posture))
         self._tasks.set_goal(task, goal, now, lead)
         return remarks
 
@@ -142,8 +144,8 @@ class TaskInputs:
         return accept(task, task.goal_in_reference, parsed,
                       self._states.pose_in_reference(task, frame))
 
-    def _checked_posture(self, posture: ArrayLike) -> Array:
-        """Return positions of all joints (n,), or raise `GoalError`."""
+    def _checked_posture(self, task: Task, posture: ArrayLike) -> Array:
+        """Return positions (n,) that lead a task to its goal, or raise `GoalError`."""
         robot = self.robot
         if robot.moves:
             raise GoalError('a posture leads to no goal where the base moves')

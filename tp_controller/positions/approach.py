@@ -53,16 +53,19 @@ def set_goal_by_posture(controller: Controller, name: str, goal: Goal,
     reason = '' if found.reached else next(
         task.reason for task in found.tasks if task.name == name) or 'a task above is in the way'
     if found.reached:
-        reason = _unable(controller, np.abs(found.q - q))
+        reason = _unable(controller, name, np.abs(found.q - q))
     remarks = controller.set_goal(name, goal, now, frame, posture=None if reason else found.q)
     return (*remarks, f'no posture reaches it: {reason}') if reason else remarks
 
 
-def _unable(controller: Controller, way: Array) -> str:
-    """Return the reason why joints cannot move so far (n,); empty if all can."""
-    robot = controller.robot
+def _unable(controller: Controller, task: str, way: Array) -> str:
+    """Return the reason why a task cannot move joints so far (n,); empty if it can."""
+    robot, mask = controller.robot, controller.stack.tasks[task].joint_mask
     if robot.moves:
         return ''
-    names = [name for name, limit, distance in zip(robot.joint_names, robot.velocity, way)
-             if limit == 0.0 and distance > ARRIVED]
-    return f'{", ".join(names)} cannot move, with a velocity limit of zero' if names else ''
+    names, far = np.array(robot.joint_names), way > ARRIVED
+    still = names[far & (robot.velocity == 0.0)]
+    if len(still):
+        return f'{", ".join(still)} cannot move, with a velocity limit of zero'
+    others = names[:0] if mask is None else names[far & ~mask]
+    return f'{task} must not move {", ".join(others)}' if len(others) else ''

@@ -212,3 +212,31 @@ def test_what_cannot_lead_is_refused():
     controller = controller_of(robot=moving, q=moving.neutral())
     with pytest.raises(GoalError, match='base moves'):
         controller.set_goal('tool', goal, 0.0, posture=np.zeros(10))
+
+
+@pytest.mark.parametrize('shared', [False, True])
+def test_posture_leads_without_the_joints_that_the_task_must_not_move(shared):
+    tool = f'tool: {{type: position, frame: {TOOL}, excluded_joints: panda_joint1}}'
+    other = 'other: {type: joint, joints: panda_joint3, excluded_joints: panda_joint1}'
+    controller = controller_of(f'- [{tool}, {other}]\n' if shared else f'- {tool}\n')
+    robot, q, there = controller.robot, READY, READY + 0.3 * np.array([0, 1, 0, 1, 0, 1, 0])
+    goal = robot.state(there).position(TOOL).copy()
+    controller.set_goal('tool', goal, 0.0, posture=there)
+    for cycle in range(1, 600):
+        command = controller.update(q, PERIOD * cycle)
+        assert controller._last.cycle.levels[0].joints.tolist() == [False, *6 * [True]]
+        assert abs(command.velocity[0]) < 1e-12
+        q = q + PERIOD * command.velocity
+    assert not controller.stack.tasks['tool'].led
+    np.testing.assert_allclose(robot.state(q).position(TOOL), goal, atol=1e-3)
+
+
+def test_posture_that_moves_other_joints_leads_to_no_goal():
+    controller = controller_of(TEXT.replace('gain: 2.0', 'excluded_joints: panda_joint1'))
+    there = READY + 0.5
+    goal = controller.robot.state(there).pose(TOOL)
+    with pytest.raises(GoalError, match="moves panda_joint1, which task 'tool' must not move"):
+        controller.set_goal('tool', goal, 0.0, posture=there)
+    assert set_goal_by_posture(controller, 'tool', goal, 0.0) == (
+        'no posture reaches it: tool must not move panda_joint1',)
+    assert not controller.stack.tasks['tool'].led
