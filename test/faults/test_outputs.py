@@ -8,13 +8,19 @@ from types import SimpleNamespace
 from fault_table import BRAKING, Outcome, outcomes, START
 import numpy as np
 import pytest
-from robots import PANDA_READY
-from test_joint_states import check, Drives, make_world, noisy, ROBOT
+from robots import PANDA_DH, PANDA_READY
+from test_joint_states import check, Drives, JOINTS, make_world, noisy, ROBOT, send_goal, STACKS
 from test_stops import ACTS, moving_world, RATES
+from tp_controller import Robot
 from world import STATE_PERIOD, World
 
 HOLDING = 'position', 'trajectory'
 LIMITS = ROBOT.acceleration[ROBOT.joint_columns]
+# Half a second until an acceleration is there.
+JERK = 2.0 * LIMITS
+SMOOTH = Robot.from_file(PANDA_DH, limits={
+    name: {'acceleration': limit, 'jerk': jerk}
+    for name, limit, jerk in zip(JOINTS, LIMITS.tolist(), JERK.tolist())})
 
 
 def targets(world, count=0):
@@ -66,6 +72,62 @@ def test_a_stop_brakes_within_the_acceleration_limits_and_holds(monkeypatch, act
     assert len(targets(world, count)) >= (0 if act.text.startswith('the node') else 8)
     np.testing.assert_allclose(world.q, still, atol=1e-6)
     check(world)
+
+
+def smooth_world(monkeypatch, **values):
+    """Return a world whose robot moves fast, within jerk limits."""
+    world = World(monkeypatch, SMOOTH, STACKS['joint'], PANDA_READY, **values)
+    assert world.run(1.0, until=lambda: not world.stopped())
+    send_goal(world, np.random.default_rng(1))
+    assert world.run(3.0, until=lambda: np.abs(world.velocity).max() > 0.6)
+    return world
+
+
+def check_smooth(world):
+    """Check that commanded positions keep the limits of acceleration and jerk."""
+    times, q = (np.array(each) for each in list(zip(*world.monitor.targets))[:2])
+    h = np.diff(times)[:, None]
+    changes = np.diff(np.diff(q, axis=0) / h, axis=0) / h[1:]
+    jerks = 2.0 * np.diff(changes, axis=0) / (h[2:] + h[1:-1])
+    assert (np.abs(changes).max(0) <= LIMITS * (1.0 + 1e-6)).all()
+    assert (np.abs(jerks).max(0) <= JERK * (1.0 + 1e-5)).all()
+    assert (np.abs(jerks).max(0) > 0.9 * JERK).any()
+
+
+@pytest.mark.parametrize('deceleration', [0.0, 3.0])
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('output', HOLDING)
+def test_stop_and_start_of_positions_keep_the_jerk_limits(monkeypatch, output, rate,
+                                                          deceleration):
+    world = smooth_world(monkeypatch, rate=rate, output=output, stop_deceleration=deceleration)
+    stop(world)
+    output = world.loop.commands.output
+    assert output.at_rest
+    start(world)
+    # What the tasks demand passes as it is.
+    for _ in range(20):
+        world.run(0.05)
+        np.testing.assert_allclose(output.velocity, world.controller.velocity, atol=1e-9)
+    # A fault: no ramp, but that of the output.
+    assert np.abs(world.velocity).max() > 0.2
+    world.loop.stops.latch('a fault')
+    world.run(1.5)
+    assert not world.velocity.any()
+    check_smooth(world)
+    check(world)
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_bounded_lead_keeps_the_jerk_limits(monkeypatch, rate):
+    world = smooth_world(monkeypatch, rate=rate, output='position', follow_window=0.0)
+    ideal, world.plant = world.plant, lambda velocity: 0.0 * velocity
+    world.run(4.0)
+    assert not world.stopped() and np.abs(world.velocity).max() < 1e-3
+    assert 0.95 < world.loop.commands.output.lead <= 1.0 + 1e-9
+    world.plant = ideal
+    assert world.run(1.0, until=world.moving)
+    world.run(1.0)
+    check_smooth(world)
 
 
 @pytest.mark.parametrize('output', HOLDING)

@@ -3,13 +3,20 @@
 
 """Velocities that become positions: limits hold for the positions, and they never run away."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from tp_controller.control.joint_limits import JointMotion
+from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.ros.loop.integration import Integration, RESTING_LEAD, stopping_distance
 
 # A fast and a slow joint, and one without an acceleration limit.
 LIMITS = {'lower': np.array([-3.0, -1.0, -np.inf]), 'upper': np.array([3.0, 1.0, np.inf]),
-          'velocity': np.array([2.0, 0.5, 1.0]), 'acceleration': np.array([10.0, 1.0, np.inf])}
+          'velocity': np.array([2.0, 0.5, 1.0]), 'acceleration': np.array([10.0, 1.0, np.inf]),
+          'jerk': np.full(3, np.inf)}
+# The last joint keeps no limit.
+JERK = np.array([100.0, 20.0, np.inf])
 RATES = 20.0, 100.0, 1000.0
 
 
@@ -155,8 +162,8 @@ def test_all_joints_wait_for_one_that_is_blocked():
 def test_joints_brake_each_with_its_own_limit_and_stay_within_the_position_limits():
     subject, positions = integration(), np.array([0.0, 0.9, 0.0])
     velocity = np.array([-2.0, 0.5, 1.0])
-    limits = subject.deceleration(velocity, 4.0)
-    np.testing.assert_allclose(limits, [10.0, 1.0, 4.0])
+    limits = subject.stop(velocity, 4.0)
+    np.testing.assert_allclose(limits.deceleration, [10.0, 1.0, 4.0])
     taken = np.zeros(3)
     for _ in range(60):
         taken = taken + 0.01 * (velocity != 0.0)
@@ -170,8 +177,8 @@ def test_joints_brake_each_with_its_own_limit_and_stay_within_the_position_limit
 def test_without_a_limit_joints_brake_at_once_and_no_stop_takes_longer_than_two_seconds():
     subject = integration(acceleration=np.array([0.1, 10.0, np.inf]))
     velocity = np.array([2.0, 0.5, 1.0])
-    limits = subject.deceleration(velocity, 0.0)
-    np.testing.assert_allclose(limits, [1.0, 10.0, np.inf])
+    limits = subject.stop(velocity, 0.0)
+    np.testing.assert_allclose(limits.deceleration, [1.0, 10.0, np.inf])
     stopped, positions = subject.brake(velocity, np.zeros(3), limits, 0.01)
     assert stopped[2] == 0.0 and positions[2] == 0.0
     # A clock that stands still changes nothing.
@@ -192,3 +199,106 @@ def test_stopping_distance_is_that_of_steps_of_a_period(gain):
             v -= 0.01 * a
         expected.append(distance + v / gain)
     np.testing.assert_allclose(stopping_distance(speed, limit, 0.01, gain), expected, rtol=1e-9)
+
+
+def smooth(demand, rate):
+    """Yield velocities that approach a demand within the limits of acceleration and jerk."""
+    values = {**LIMITS, 'lower': np.full(3, -np.inf), 'upper': np.full(3, np.inf), 'jerk': JERK}
+    limits, before = VelocityLimits(SimpleNamespace(limits=values), 1.0 / rate, 10.0), np.zeros(3)
+    motion = JointMotion(np.zeros(3), before, 1.0 / rate, (), 0.0, np.zeros(3), 1.0 / rate)
+    while True:
+        velocity = np.clip(demand(), *limits.box(motion._replace(demand=demand())))
+        motion = motion._replace(velocity=velocity,
+                                 acceleration=(velocity - motion.velocity) * rate)
+        yield velocity
+
+
+def jerks(velocities, rate):
+    """Return the largest second differences of velocities (T, 3), from rest."""
+    return np.abs(np.diff([np.zeros(3), np.zeros(3), *velocities], n=2, axis=0)).max(0) * rate ** 2
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_demands_within_the_jerk_limits_pass_as_they_are(rate):
+    subject, random, goal = integration(rate, jerk=JERK), np.random.default_rng(5), [np.zeros(3)]
+    positions = before = np.zeros(3)
+    for cycle, velocity in zip(range(round(5.0 * rate)), smooth(lambda: goal[0], rate)):
+        if cycle % round(0.3 * rate) == 0:
+            goal[0] = random.uniform(-1.0, 1.0, 3) * LIMITS['velocity']
+        # As far ahead as no velocity has to be lower for.
+        ahead = np.sign(velocity) * (0.2 * LIMITS['velocity'] + RESTING_LEAD - 1e-9)
+        before, _ = subject.advance(velocity, before, positions, ahead, 1.0 / rate)
+        np.testing.assert_allclose(before, velocity, atol=1e-12)
+
+
+def test_all_joints_wait_for_one_that_is_late_within_the_jerk_limits():
+    wide = {'lower': np.full(3, -np.inf), 'upper': np.full(3, np.inf)}
+    subject, (q, positions, before) = integration(jerk=JERK, **wide), np.zeros((3, 3))
+    for _, velocity in zip(range(500), smooth(lambda: LIMITS['velocity'], 100.0)):
+        before, positions = subject.advance(velocity, before, positions, positions - q, 0.01)
+        # The second joint does not go faster than that.
+        q = q + np.minimum(0.01 * np.array([2.0, 0.2, 1.0]), positions - q)
+    np.testing.assert_allclose(before, 0.4 * LIMITS['velocity'], rtol=0.01)
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_stop_keeps_the_jerk_limits_from_any_motion(rate):
+    for seconds in (0.05, 0.1, 0.3, 1.5):
+        subject, positions, before = integration(rate, jerk=JERK), np.full(3, -0.9), np.zeros(3)
+        taken = []
+        for _, velocity in zip(range(round(seconds * rate)),
+                               smooth(lambda: LIMITS['velocity'], rate)):
+            before, positions = subject.advance(velocity, before, positions, np.zeros(3),
+                                                1.0 / rate)
+            taken.append(before)
+        stop, moving, limit = subject.stop(before, 0.0), before[:2], LIMITS['acceleration'][:2]
+        while len(taken) < 6.0 * rate:
+            before, positions = subject.brake(before, positions, stop, 1.0 / rate)
+            taken.append(before)
+        assert not before.any() and (jerks(taken, rate) <= JERK * (1.0 + 1e-9))[:2].all()
+        changes = np.abs(np.diff(taken, axis=0)) * rate
+        assert (changes.max(0) <= LIMITS['acceleration'] * (1.0 + 1e-9)).all()
+        # They stop as soon as they can: within v/a + a/j, and the time to end an acceleration.
+        after = np.array(taken[round(seconds * rate):])
+        assert (after >= -1e-9).all()
+        longest = moving / limit + 3.0 * limit / JERK[:2]
+        assert ((after > 0.0).sum(0)[:2] <= longest * rate + 2.0).all()
+
+
+@pytest.mark.parametrize('turns', [False, True])
+def test_no_stop_takes_longer_than_two_seconds_whatever_the_jerk_limit(turns):
+    subject = integration(jerk=np.array([1.0, 1e-3, np.inf]),
+                          acceleration=np.array([np.inf, 0.1, 1.0]),
+                          lower=np.full(3, -np.inf), upper=np.full(3, np.inf))
+    velocity, positions = np.zeros(3) if turns else np.array([1.8, 0.5, 1.0]), np.zeros(3)
+    # A joint that turns back accelerates most where it is slowest.
+    for cycle in range(1000 if turns else 30):
+        demand = LIMITS['velocity'] if not turns or cycle > 100 else -LIMITS['velocity']
+        velocity, positions = subject.advance(demand, velocity, positions, np.zeros(3), 0.01)
+        if cycle > 100 and velocity[0] > 0.0:
+            break
+    stop = subject.stop(velocity, 0.0)
+    for _ in range(200):
+        velocity, positions = subject.brake(velocity, positions, stop, 0.01)
+    assert not velocity.any()
+
+
+@pytest.mark.parametrize('lead', [0.0, 0.2])
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('jerk', [JERK, 20.0 * JERK])
+def test_positions_stop_before_the_bound_within_the_jerk_limits(rate, lead, jerk):
+    wide = {'lower': np.full(3, -np.inf), 'upper': np.full(3, np.inf)}
+    for seconds in (0.1, 0.3, 2.0):
+        subject, positions, before = integration(rate, lead, jerk=jerk, **wide), *np.zeros((2, 3))
+        taken, blocked = [], None
+        for cycle, velocity in zip(range(round(6.0 * rate)),
+                                   smooth(lambda: LIMITS['velocity'], rate)):
+            blocked = positions if cycle < seconds * rate else blocked
+            before, positions = subject.advance(velocity, before, positions, positions - blocked,
+                                                1.0 / rate)
+            taken.append(before)
+            assert (np.abs(positions - blocked) <= subject.largest_lead + 1e-9).all()
+        assert (jerks(taken, rate) <= jerk * (1.0 + 1e-6))[:2].all()
+        # None goes back, nor stops early.
+        assert (np.array(taken)[:, :2] >= -1e-6).all()
+        assert (positions - blocked > 0.95 * subject.largest_lead).any()

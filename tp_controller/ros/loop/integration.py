@@ -5,9 +5,10 @@
 
 from collections.abc import Mapping
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from tp_controller.control.jerk_limit import JerkLimit
 from tp_controller.control.joint_limits import (
     JointMotion,
     UNLIMITED_ACCELERATION,
@@ -16,6 +17,7 @@ from tp_controller.control.joint_limits import (
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.ros.loop.ramped_stop import LONGEST_RAMP
+from tp_controller.ros.loop.smooth_changes import SmoothChanges
 
 # Lead of a joint at rest: noise, backlash, and the steady error of a drive [rad or m].
 RESTING_LEAD = 0.02
@@ -28,6 +30,23 @@ UNLIMITED_VELOCITY = 1.0
 LATE_SECONDS = 0.02
 
 
+class Stop(NamedTuple):
+    """
+    Limits of a stop.
+
+    Attributes
+    ----------
+    deceleration : ndarray (m,)
+        [rad/s² or m/s²]
+    jerk : JerkLimit or None
+        Limit of the joints that have one.
+
+    """
+
+    deceleration: Array
+    jerk: JerkLimit | None = None
+
+
 class Integration:
     """
     Integration of velocities to commanded positions, for m joints.
@@ -35,13 +54,13 @@ class Integration:
     Positions lead the measured ones by at most `lead` seconds of motion at the velocity limit, the
     stopping distance from there, and `RESTING_LEAD`: a robot that is at most `lead` seconds late
     is never slowed down, and the positions stop in front of the bound if the robot is blocked. All
-    joints are slowed down by the same factor, within their acceleration limits: positions do not
-    retreat from a robot that moves away from them.
+    joints are slowed down by the same factor, within their limits of acceleration and jerk:
+    positions do not retreat from a robot that moves away from them.
 
     Parameters
     ----------
     limits : mapping
-        {key: ndarray (m,)} for `lower`, `upper`, `velocity` and `acceleration`.
+        {key: ndarray (m,)} for `lower`, `upper`, `velocity`, `acceleration` and `jerk`.
     period : float
         T, the nominal time between two commands [s].
     timeout : float
@@ -69,6 +88,12 @@ class Integration:
         self._velocity, self._free_lead = velocity, lead * velocity + RESTING_LEAD
         self.largest_lead = self._free_lead + stopping_distance(
             velocity, self._braking, period, gain)
+        self._smooth: SmoothChanges | None = None
+        if np.isfinite(limits['jerk']).any():
+            self._smooth = SmoothChanges(
+                {**limits, 'acceleration': self._braking}, velocity, self._free_lead, period, gain)
+            self.largest_lead = np.where(
+                np.isfinite(limits['jerk']), self._smooth.largest_lead, self.largest_lead)
         self._bound = UpperPositionLimit({
             'upper': self.largest_lead, 'velocity': velocity,
             'acceleration': self._braking}, period, gain)
@@ -78,8 +103,13 @@ class Integration:
         """Return the integration for the driven joints of a robot and the node's parameters."""
         rows, rate, timeout = robot.joint_columns, values['rate'], values['state_timeout']
         limits = {key: getattr(robot, key)[rows]
-                  for key in ('lower', 'upper', 'velocity', 'acceleration')}
+                  for key in ('lower', 'upper', 'velocity', 'acceleration', 'jerk')}
         return cls(limits, 1.0 / rate if rate > 0.0 else timeout, timeout, values['lead'])
+
+    def begin(self) -> None:
+        """Begin a motion from rest."""
+        if self._smooth is not None:
+            self._smooth.begin()
 
     def interval(self, elapsed: float) -> float:
         """Return the time over which velocities count [s], of a time since the last command."""
@@ -108,13 +138,16 @@ class Integration:
         velocity, positions : ndarray (m,)
 
         """
-        velocity = self._share(velocity, ahead, interval) * velocity
-        change = min(interval, self._period)
+        share, change = self._share(velocity, ahead, interval), min(interval, self._period)
+        velocity = share * velocity
+        if self._smooth is not None and change > 0.0:
+            velocity = self._smooth.follow(
+                velocity, JointMotion(positions, before, change), ahead, share < 1.0)
         faster, slower = change * self._acceleration, change * self._braking
         velocity = np.minimum(np.maximum(
             velocity, before - np.where(before > 0.0, slower, faster)),
             before + np.where(before < 0.0, slower, faster))
-        return self._within(velocity, positions, interval)
+        return self._within(velocity, before, positions, interval)
 
     def _share(self, velocity: Array, ahead: Array, interval: float) -> float:
         """Return the share of velocities (m,) from which the lead stays within its bound."""
@@ -123,26 +156,30 @@ class Integration:
             return 1.0
         toward = np.where(velocity < 0.0, -ahead, ahead)
         allowed = np.maximum(self._bound.speed(JointMotion(toward, velocity, interval)), 0.0)
+        if self._smooth is not None:
+            allowed = np.minimum(allowed, self._smooth.speed(toward, speed))
         fast = speed > allowed
         return float((allowed[fast] / speed[fast]).min(initial=1.0))
 
-    def deceleration(self, velocity: Array, otherwise: float) -> Array:
+    def stop(self, velocity: Array, otherwise: float) -> Stop:
         """
-        Return the decelerations (m,) of a stop from velocities (m,) [rad/s² or m/s²].
+        Return the limits of a stop from velocities (m,).
 
         Parameters
         ----------
         velocity : ndarray (m,)
             [rad/s or m/s]
         otherwise : float
-            That of joints without an acceleration limit; 0: they stop at once [rad/s² or m/s²].
+            Deceleration of joints without an acceleration limit; 0: they stop at once [rad/s² or
+            m/s²].
 
         """
         limits = self._acceleration
         limits = np.where(limits >= UNLIMITED_ACCELERATION, otherwise or math.inf, limits)
-        return np.maximum(limits, np.abs(velocity) / LONGEST_RAMP)
+        return Stop(np.maximum(limits, np.abs(velocity) / LONGEST_RAMP),
+                    None if self._smooth is None else self._smooth.stop_limit(velocity))
 
-    def brake(self, velocity: Array, positions: Array, deceleration: Array,
+    def brake(self, velocity: Array, positions: Array, stop: Stop,
               interval: float) -> tuple[Array, Array]:
         """
         Return the velocities and positions of joints that brake, after an interval.
@@ -151,8 +188,8 @@ class Integration:
         ----------
         velocity, positions : ndarray (m,)
             Before the interval [rad/s or m/s, rad or m].
-        deceleration : ndarray (m,)
-            [rad/s² or m/s²]
+        stop : Stop
+            Its limits.
         interval : float
             [s]
 
@@ -161,17 +198,22 @@ class Integration:
         velocity, positions : ndarray (m,)
 
         """
-        lost = deceleration * interval if interval else np.zeros(len(velocity))
+        lost = stop.deceleration * interval if interval else np.zeros(len(velocity))
         slower = np.sign(velocity) * np.maximum(np.abs(velocity) - lost, 0.0)
-        return self._within(slower, positions, interval)
+        if self._smooth is not None and stop.jerk is not None and interval > 0.0:
+            slower = self._smooth.brake(slower, velocity, stop.jerk, min(interval, self._period))
+        return self._within(slower, velocity, positions, interval)
 
-    def _within(self, velocity: Array, positions: Array, interval: float) -> tuple[Array, Array]:
+    def _within(self, velocity: Array, before: Array, positions: Array,
+                interval: float) -> tuple[Array, Array]:
         """Return velocities and positions (m,) after an interval, no farther outside limits."""
         free = positions + interval * velocity
         moved = np.minimum(np.maximum(free, np.minimum(self._lower, positions)),
                            np.maximum(self._upper, positions))
         if interval > 0.0:
             velocity = np.where(moved == free, velocity, (moved - positions) / interval)
+            if self._smooth is not None:
+                self._smooth.note(velocity, before, min(interval, self._period))
         return velocity, moved
 
 

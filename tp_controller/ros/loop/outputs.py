@@ -16,7 +16,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.ros.declarations.controller import OUTPUTS
 from tp_controller.ros.loop.commanded_positions import CommandedPositions
-from tp_controller.ros.loop.integration import Integration
+from tp_controller.ros.loop.integration import Integration, Stop
 from tp_controller.ros.loop.numbers_publisher import NumbersPublisher
 from tp_controller.ros.loop.state_checks import endless_joints
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -175,8 +175,8 @@ class PositionOutput(VelocityOutput):
         self._commanded = CommandedPositions(endless_joints(robot))
         # Time of the last command or stop, and time between the last two commands [s].
         self._at, self._interval = -math.inf, 0.0
-        # Decelerations of the present stop; None in motion.
-        self._deceleration: Array | None = None
+        # Limits of the present stop; None in motion.
+        self._stop: Stop | None = None
 
     @property
     def at_rest(self) -> bool:
@@ -185,7 +185,7 @@ class PositionOutput(VelocityOutput):
 
     def positions(self, measured: Array, now: float) -> Array:
         """Return the positions that the next command starts from, (m,) [rad or m]."""
-        if self._deceleration is not None and self.at_rest:
+        if self._stop is not None and self.at_rest:
             self._commanded.watch(measured, now)
         return self._commanded.near(measured)
 
@@ -193,12 +193,14 @@ class PositionOutput(VelocityOutput):
         """Publish the positions that velocities (m,) lead to since the last command."""
         now, measured, share = moment
         commanded, integration = self._commanded, self._integration
+        if self._stop is not None and self.at_rest:
+            integration.begin()
         self._interval = integration.interval(now - self._at)
         self.ahead = ahead = commanded.ahead(measured)
         self.velocity, moved = integration.advance(
             share * velocity, self.velocity, commanded.start(measured), ahead, self._interval)
         commanded.move(moved, now)
-        self._at, self._deceleration = now, None
+        self._at, self._stop = now, None
         self._put()
 
     def stop(self, now: float, measured: Array | None) -> None:
@@ -208,9 +210,8 @@ class PositionOutput(VelocityOutput):
         if commanded.positions is None:
             self.velocity = self._zeros
             return
-        if self._deceleration is None:
-            self._deceleration = integration.deceleration(
-                self.velocity, self._values['stop_deceleration'])
+        if self._stop is None:
+            self._stop = integration.stop(self.velocity, self._values['stop_deceleration'])
         if self.at_rest:
             if measured is not None:
                 commanded.watch(measured, now)
@@ -219,7 +220,7 @@ class PositionOutput(VelocityOutput):
         else:
             interval = integration.interval(elapsed)
             self.velocity, moved = integration.brake(
-                self.velocity, commanded.positions, self._deceleration, interval)
+                self.velocity, commanded.positions, self._stop, interval)
             commanded.move(moved, now)
         if commanded.is_seen(now):
             self._put()
@@ -231,6 +232,7 @@ class PositionOutput(VelocityOutput):
     def forget(self) -> None:
         """Leave the robot to another node: the next motion starts where it is."""
         self.velocity, self.ahead = self._zeros, None
+        self._integration.begin()
         self._commanded.forget()
 
     def _put(self) -> None:
