@@ -156,7 +156,7 @@ STATUS = {
        for which in ('median', 'p99', 'max')},
     **{f'state to command {which} [ms]': 'time from the receipt of joint states to the command'
        for which in ('median', 'p99', 'max')},
-    'overruns': 'cycles that began, or took, more than a period too long',
+    'overruns': 'cycles that began more than a period late, or took longer than a period',
     'solver': '[which one](docs/core.md) runs: `compiled` or `python`',
     'cycles left to Python': 'cycles that the compiled solver could not solve',
     'stalls': 'how often the loop stood still for longer than `state_timeout`',
@@ -229,6 +229,7 @@ def summary(described):
     """Return the first line of a docstring, without its sources and final full stop."""
     line = inspect.getdoc(described).partition('\n')[0]
     return re.sub(r' \((lecture|slides|lab|wiki|notes)\b.*\)', '', line).rstrip('.')
+
 
 # What needs no ROS -----------------------------------------------------------------------
 
@@ -385,6 +386,7 @@ def launch_arguments(name):
             rows.append((f'`{node.args[0].value}`', shown,
                          ast.literal_eval(values['description'])))
     return table(('argument', 'default', 'meaning'), rows)
+
 
 # What needs ROS --------------------------------------------------------------------------
 
@@ -599,6 +601,7 @@ ROS_REGIONS = {
     'parameters viewer': lambda: parameters('viewer'),
 }
 
+
 # Pages of the site only ------------------------------------------------------------------
 
 
@@ -643,6 +646,7 @@ def write_site_pages(folder):
         path, text = folder / f'{name}.md', page()
         if not path.exists() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')
+
 
 # Pages -----------------------------------------------------------------------------------
 
