@@ -21,9 +21,8 @@ from tp_controller.tasks.goal_holder import Goal
 from tp_controller.tasks.stack import Stack
 
 # Share of the goals left that all threads take in their next calls, so that they end at about the
-# same time; and least and largest number of goals of a call, which holds the lock of the
-# interpreter for as long as it takes to solve some goals.
-SHARE, FEWEST_OF_A_CALL, MOST_OF_A_CALL = 0.5, 3, 200
+# same time; and largest number of goals of a call: while its results are made, others may wait.
+SHARE, MOST_GOALS_OF_A_CALL = 0.5, 200
 
 
 def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
@@ -94,7 +93,7 @@ def _chunks(count: int, threads: int) -> Iterator[range]:
     """Yield the numbers of the goals of each call."""
     first = 0
     while first < count:
-        size = int(np.clip(SHARE * (count - first) / threads, FEWEST_OF_A_CALL, MOST_OF_A_CALL))
+        size = int(np.clip(SHARE * (count - first) / threads, 1, MOST_GOALS_OF_A_CALL))
         yield range(first, min(first + size, count))
         first += size
 
