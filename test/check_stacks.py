@@ -192,16 +192,16 @@ def filled(text: str, robot: str) -> str:
     """
     Return a text with values in place of ⟨their names⟩.
 
-    They are the fields of `Arm`; ⟨robot⟩, its name; ⟨root⟩; ⟨first⟩, ⟨third⟩ and ⟨last⟩ joint;
-    ⟨upper⟩, the limit of the last one; and ⟨far⟩, twice the reach.
+    They are the fields of `Arm`; ⟨robot⟩, its name; ⟨root⟩; ⟨first⟩, ⟨second⟩, ⟨third⟩ and
+    ⟨last⟩ joint; ⟨upper⟩, the limit of the last one; and ⟨far⟩, twice the reach.
     """
     if '⟨' not in text:
         return text
     arm, plain = ARMS[robot], _plain(robot)
     joints = plain.joint_names
     values = {**arm._asdict(), 'robot': plain.name, 'root': plain.root, 'first': joints[0],
-              'third': joints[2], 'last': joints[-1], 'upper': float(plain.upper[-1]),
-              'far': 2.0 * arm.reach}
+              'second': joints[1], 'third': joints[2], 'last': joints[-1],
+              'upper': float(plain.upper[-1]), 'far': 2.0 * arm.reach}
     for name, value in values.items():
         text = text.replace(f'⟨{name}⟩', str(value))
     return text
@@ -236,6 +236,11 @@ def sound(robot: str, *entries: str, **settings: Any) -> Case:
     """Return a sound case of some tasks on one of `ARMS`."""
     types = ', '.join(re.findall(r'type: (\w+)', ' '.join(entries)))
     return Case(f'{robot}: {types}', robot, lines(robot, *entries), settings)
+
+
+def using(entry: str, keys: str) -> str:
+    """Return an entry with more keys."""
+    return entry.replace('}', f', {keys}}}')
 
 
 SOUND = [
@@ -380,6 +385,25 @@ SOUND = [
     sound('fr3', POSE.replace('}', ', mode: scale}'), POSTURE, seconds=20.0),
     sound('xarm7', 'tool: {type: pose, frame: ⟨tool⟩, gain: [3, 3, 3, 1.5, 1.5, 1.5]}', POSTURE,
           scaling='uniform'),
+    # Some joints only, and weights of rows.
+    sound('panda', using(POSE, 'excluded_joints: panda_joint1'), POSTURE),
+    sound('panda', using(POSITION, 'excluded_joints: panda_joint1'),
+          'turn: {type: joint, joints: panda_joint1, gain: 1.0}', POSTURE),
+    sound('baxter', *(f'{side}: {{type: pose, frame: {side}_gripper, gain: 2.0, joints: '
+                      f'[{side}_s0, {side}_s1, {side}_e0, {side}_e1, {side}_w0, {side}_w1, '
+                      f'{side}_w2]}}' for side in ('left', 'right')), POSTURE, rate=200.0),
+    sound('gen3', using(POSITION, 'joints: [joint_1, joint_2, joint_4, joint_6]'), POSTURE,
+          seconds=20.0),
+    sound('rover', LIMITS, using(POSITION, 'excluded_joints: base'),
+          using(POSTURE, 'excluded_joints: base'), seconds=25.0),
+    sound('mobile', LIMITS, using(POSITION, 'excluded_joints: base'), seconds=25.0),
+    sound('talos', using(POSE, 'excluded_joints: [torso_1_joint, torso_2_joint]'), POSTURE),
+    sound('panda', 'cell: {type: keep_in, frame: ⟨tool⟩, shape: {box: [1.2, 1.4, 1.0]}, '
+          'at: [0.3, 0.0, 0.6], joints: [panda_joint2, panda_joint4]}', POSITION, POSTURE),
+    sound('ur5e', using(POSE, 'weights: {m: 100.0}'), using(POSTURE, 'weights: {⟨first⟩: 10.0}'),
+          rate=125.0),
+    sound('fr3', '[tool: {type: position, frame: ⟨tool⟩, gain: 2.0, weights: 10.0}, '
+          'turn: {type: orientation, frame: ⟨tool⟩, gain: 2.0}]', POSTURE, seconds=20.0),
     # Joints alone.
     sound('ur5e', 'home: {type: posture, gain: 1.0, target: [0.0, -1.57, 1.57, -1.57, -1.57, '
           '0.0]}', rate=125.0, seconds=20.0),
@@ -424,7 +448,8 @@ def mistake(name: str, robots: Sequence[str], entries: Sequence[str], kinds: str
     return [Fault(f'{name}: {robot}', robot, lines(robot, *entries),
                   {key: value(robot) if callable(value) else value
                    for key, value in settings.items()},
-                  tuple(kinds.split(', ')), advice, filled(where, robot)) for robot in robots]
+                  tuple(kinds.split(', ')), filled(advice, robot), filled(where, robot))
+            for robot in robots]
 
 
 def joint_limits_of(number: int, **limit: float) -> Callable[[str], dict]:
@@ -645,6 +670,34 @@ FAULTS = [
              'weights', 'weight', '', weights=all_weights(1e6, 1), **BRIEF),
     *mistake('a weight of almost zero', ('xarm7', 'fr3', 'gen3'), [POSITION, POSTURE],
              'weights', 'weight', '', weights=all_weights(1e-8, 0), **BRIEF),
+    # Joints of tasks, and weights of their rows.
+    *mistake('a pose with three joints', ('panda', 'xarm7', 'fr3'),
+             [using(POSE, 'joints: [⟨first⟩, ⟨second⟩, ⟨third⟩]'), POSTURE], 'joints',
+             'use more joints.*or leave out axes', 'tool', **STILL),
+    *mistake('joints beyond the frame', ('panda', 'ur5', 'gen3'),
+             ['elbow: {type: position, frame: ⟨elbow⟩, gain: 1.0, joints: ⟨last⟩}', POSTURE],
+             'joints', 'none of its joints.*⟨first⟩', 'elbow', **STILL),
+    *mistake('a joint beyond the frame', ('panda', 'ur5', 'xarm7'),
+             ['elbow: {type: position, frame: ⟨elbow⟩, axes: z, gain: 1.0, '
+              'joints: [⟨first⟩, ⟨second⟩, ⟨last⟩]}', POSTURE], 'joints',
+             'no effect on it: ⟨last⟩ .*leave', 'elbow', **STILL),
+    *mistake('a joint that its own task excludes', ('planar', 'xarm7', 'ur5e'),
+             ['turn: {type: joint, joints: ⟨first⟩, excluded_joints: ⟨first⟩}', PLANE], 'joints',
+             'one or more of ⟨first⟩', 'turn', **STILL),
+    *mistake('joints that a task above needs', ('panda', 'xarm7', 'gen3'),
+             [POSE, 'elbow: {type: position, frame: ⟨elbow⟩, axes: z, gain: 1.0, '
+              'joints: [⟨first⟩, ⟨second⟩]}', POSTURE], 'never acts', 'use more joints',
+             'elbow', **STILL),
+    *mistake('a goal beyond the joints', ('moving panda', 'rover', 'mobile'),
+             [using(POSITION, 'excluded_joints: base')], 'never reached, out of reach',
+             'all joints|more joints', 'tool',
+             goals=lambda robot: {'tool': [2.0 * ARMS[robot].reach, 0.0, 0.3]}, runs=5),
+    *mistake('row weights a million apart', ('panda', 'ur5e', 'fr3'),
+             [using(POSE, 'weights: {m: 1.0e+6}'), POSTURE], 'weights', 'level above', 'tool',
+             **STILL),
+    *mistake('a weight in place of a priority', ('panda', 'ur5', 'gen3'),
+             [POSITION, using(POSTURE, 'weights: 0.1')], 'weights', 'move it up', 'posture',
+             **STILL),
     *mistake('a blend of 40 s', ('gen3', 'panda', 'ur5'), [POSITION, POSTURE],
              'slow, never reached, seldom reached', 'blend', 'tool|posture', blend=40.0, runs=2),
     *mistake('damping everywhere', ('panda', 'ur5', 'xarm7'), [POSITION, POSTURE],

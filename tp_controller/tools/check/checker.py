@@ -26,6 +26,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.model.simulator import start_configuration
 from tp_controller.tasks.stack import Stack
 from tp_controller.tasks.task import Task
+from tp_controller.tools.check.chosen_joints import about_joints, about_row_weights
 from tp_controller.tools.check.closed_loop import (
     AT_REST,
     closed_loop,
@@ -301,10 +302,11 @@ def _report(setup: Setup, seed: int, configurations: Sequence[ConfigurationSampl
     worst = _worst(runs)
     numbers = {task.name: task.level for task in tasks}
     filling = seen[0].filling if seen else frozenset()
-    findings = [*faults, *unwatched, *_failures(configurations, runs), *chain(
-        about_robot(setup), about_values(setup), about_levels(setup, levels, filling),
-        about_pairs(pairs, numbers), about_gains(setup),
-        about_singularities(setup, tasks),
+    joints = list(about_joints(setup, seen, filling))
+    findings = [*faults, *unwatched, *_failures(configurations, runs), *joints, *chain(
+        about_robot(setup), about_values(setup), about_row_weights(setup),
+        about_levels(setup, levels, filling), about_pairs(pairs, numbers), about_gains(setup),
+        about_singularities(setup, tasks, {each.where for each in joints}),
         about_bounds(setup, tasks, len(runs), contradicting),
         about_goals(setup, tasks, len(runs), filling), about_limits(worst, setup),
         about_time(timing, setup) if timing else ())]
@@ -338,11 +340,11 @@ def _levels(setup: Setup, configurations: Sequence[ConfigurationSample]
         ranks = np.array([each.ranks[number] for each in configurations])
         acting = ranks[ranks[:, 1] > 0]
         # A level that the robot cannot move has no rank in any sample.
-        left, alone = (acting if len(acting) else ranks).T
+        left, alone, of_all = (acting if len(acting) else ranks).T
         found.append(LevelResult(
             number, tuple(task.name for task in setup.stack.active[number - 1]),
             int(alone.max()), int(left.min()), float(np.median(left)), int(left.max()),
-            float(np.mean(left == 0))))
+            int(of_all.max()), float(np.mean(left == 0))))
     return tuple(found)
 
 

@@ -4,8 +4,9 @@
 """Closed loop without ROS, from a random start to random reachable goals."""
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
+from functools import partial
 import math
 
 import numpy as np
@@ -18,7 +19,7 @@ from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
 from tp_controller.tools.check.extremes import Extremes, Worst
 from tp_controller.tools.check.results import COMBINED, STILL_MOVING, UNREACHABLE
-from tp_controller.tools.check.sampling import random_configuration
+from tp_controller.tools.check.sampling import moved_from, random_configuration
 from tp_controller.tools.check.setup import Setup
 
 # Interval between reports [s]: a report takes as long as the cycle itself.
@@ -221,9 +222,11 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
     number, seed = numbered
     random = np.random.default_rng(seed)
     try:
-        start, _ = _valid_configuration(setup, random, setup.around, 1.0)
+        start, _ = _valid_configuration(setup, partial(
+            random_configuration, setup.robot, random, setup.around))
         far = random.uniform()
-        goals, possible = _valid_configuration(setup, random, start, far)
+        goals, possible = _valid_configuration(setup, partial(
+            _goal_configuration, setup, random, start, far))
         return _run(setup, number, start, goals, far, possible)
     except TpControllerError as error:
         fault = (getattr(error, 'task', ''), getattr(error, 'reason', in_words(error)))
@@ -231,19 +234,30 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
                    Extremes(setup.robot, setup.period, number).worst(), fault)
 
 
-def _valid_configuration(setup: Setup, random: np.random.Generator, around: Array,
-                         far: float) -> tuple[Array, dict[str, bool]]:
+def _goal_configuration(setup: Setup, random: np.random.Generator, start: Array,
+                        far: float) -> Array:
+    """Return a random configuration (nq,); joints that no task may move are as at the start."""
+    q = random_configuration(setup.robot, random, start, far)
+    masks = [task.joint_mask for task in setup.stack.active_tasks if not task.bounded]
+    chosen = [mask for mask in masks if mask is not None]
+    if not chosen or len(chosen) < len(masks):
+        return q
+    return moved_from(setup.robot, start, q, np.any(chosen, axis=0))
+
+
+def _valid_configuration(setup: Setup, draw: Callable[[], Array]
+                         ) -> tuple[Array, dict[str, bool]]:
     """
     Return the best configuration for bounds and goals of the stack, and {task: satisfied}.
 
-    A closed loop moves there from a random configuration, with the values of the other tasks at
-    that configuration as default goals.
+    A closed loop moves there from a configuration that is drawn, with the values of the other
+    tasks at that configuration as default goals.
     """
     found: list[tuple[Array, dict[str, bool]]] = []
     while not found or len(found) < setup.tries and not all(found[-1][1].values()):
         stack = setup.stack.copy()
         given = [task for task in stack.active_tasks if task.bounded or task.goal is not None]
-        loop = Loop.at(setup, random_configuration(setup.robot, random, around, far), stack)
+        loop = Loop.at(setup, draw(), stack)
         if given:
             # Goals of other tasks match a goal of the stack only as well as the latter is reached.
             loop.run(min(SETTLE_SECONDS, setup.seconds), {task.name for task in given},

@@ -4,7 +4,7 @@
 """Capabilities of the levels of a stack at a random configuration, without motion."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 import math
 
@@ -15,7 +15,7 @@ from tp_controller.control.velocity_limits import VelocityLimits
 from tp_controller.errors import EvaluationError
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.solver.level import Level, NEGLIGIBLE
+from tp_controller.solver.level import Level, Mask, NEGLIGIBLE
 from tp_controller.solver.solution import Solution
 from tp_controller.tasks.keys import MAX_NUMBER
 from tp_controller.tasks.stack import levels_of
@@ -25,6 +25,29 @@ from tp_controller.tools.check.setup import Setup
 
 # Angle between the rows of two tasks below which they share a direction [rad].
 SHARED_ANGLE = math.radians(5.0)
+# Share of the largest entry, or of the norm, of a Jacobian below which a column, or a singular
+# value, counts as zero: descriptions round angles.
+NEXT_TO_ZERO = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenJoints:
+    """
+    Joints of a task that may move some joints only, at one configuration.
+
+    Attributes
+    ----------
+    rank, rank_of_all : int
+        Rank of the task with the joints that it may move, and with all.
+    rows, frame : ndarray (n,) of bool
+        Joints that move its rows; that move these or its frame.
+
+    """
+
+    rank: int
+    rank_of_all: int
+    rows: Mask
+    frame: Mask
 
 
 @dataclass(frozen=True)
@@ -37,10 +60,11 @@ class ConfigurationSample:
     fault : tuple of str
         Task and reason if a task fails; the other fields are then empty.
     ranks : dict
-        {level: (rank left by the levels above, rank alone)}, levels from 1.
+        {level: (rank left by the levels above, rank alone, rank that would be left if it could
+        move all joints)}, levels from 1.
     smallest : dict
-        {task: smallest singular value of its rows, and the direction of the task (m,) that
-        belongs to it}.
+        {task: smallest singular value of its rows for the joints that it may move, and the
+        direction of the task (m,) that belongs to it}.
     pairs : dict
         {(task, task): (smallest angle between their rows [rad], directions that they share)}.
     bounds : dict
@@ -48,15 +72,18 @@ class ConfigurationSample:
         at their velocity limits could bring it to its bounds)}.
     filling : frozenset of str
         Tasks that demand a velocity of every joint.
+    chosen : dict
+        {task that may move some joints only: ChosenJoints}.
 
     """
 
     fault: tuple[str, ...]
-    ranks: dict[int, tuple[int, int]]
+    ranks: dict[int, tuple[int, int, int]]
     smallest: dict[str, tuple[float, Array]]
     pairs: dict[tuple[str, str], tuple[float, int]]
     bounds: dict[str, tuple[bool, bool, float, bool]]
     filling: frozenset[str] = frozenset()
+    chosen: dict[str, ChosenJoints] = field(default_factory=dict)
 
 
 def sample_configuration(setup: Setup, seed: np.random.SeedSequence) -> ConfigurationSample:
@@ -93,9 +120,11 @@ def sample_configuration(setup: Setup, seed: np.random.SeedSequence) -> Configur
     demanding = [each for each in demanding if each not in filling]
     return ConfigurationSample(
         (), _ranks(levels, setup.robot.n),
-        {each.task.name: smallest_singular_value(each.level.J) for each in demanding},
+        {each.task.name: smallest_singular_value(_movable(each.level)) for each in demanding},
         _pairs(demanding), _bounds(setup, here, evaluations, levels),
-        frozenset(each.task.name for each in filling))
+        frozenset(each.task.name for each in filling),
+        {each.task.name: _chosen(each, here) for group in evaluations for each in group
+         if each.level.joints is not None})
 
 
 def smallest_singular_value(J: Array) -> tuple[float, Array]:
@@ -123,17 +152,45 @@ def _fills(level: Level, joints: slice) -> bool:
                                  and np.array_equal(rows, np.eye(len(rows))))
 
 
-def _ranks(levels: list[Level], n: int) -> dict[int, tuple[int, int]]:
-    """Return the rank left to each level, and its rank alone."""
+def _ranks(levels: list[Level], n: int) -> dict[int, tuple[int, int, int]]:
+    """Return `ConfigurationSample.ranks`."""
     solution, above, found = Solution(np.zeros(n), levels), np.zeros((0, n)), {}
     for number, (level, its) in enumerate(zip(levels, solution.levels), 1):
-        if level.v is None:
-            both = np.concatenate([above, level.J])
-            found[number] = len(_row_basis(both)) - len(above), its.rank_alone
-        else:
-            found[number] = its.rank, its.rank_alone
-            above = _row_basis(np.concatenate([above, level.J]))
+        both = _row_basis(np.concatenate([above, level.J]))
+        of_all = len(both) - len(above)
+        found[number] = (of_all if level.v is None else its.rank,
+                         its.rank_alone if level.joints is None else _ranks_of(level)[0],
+                         of_all)
+        if level.v is not None:
+            above = both
     return found
+
+
+def _movable(level: Level) -> Array:
+    """Return the columns of the joints that a level may move (m, k)."""
+    return level.J if level.joints is None else level.J[:, level.joints]
+
+
+def _chosen(evaluation: Evaluation, state: RobotState) -> ChosenJoints:
+    """Return the effect of the joints that a task may move."""
+    level, frame = evaluation.level, evaluation.task.frame
+    rows = _moving(level.J)
+    return ChosenJoints(*_ranks_of(level), rows,
+                        rows if frame is None else rows | _moving(state.jacobian(frame)))
+
+
+def _moving(J: Array) -> Mask:
+    """Return a mask (n,) of the columns of J (m, n) that are not next to zero."""
+    size = np.abs(J).max(axis=0, initial=0.0)
+    return size > NEXT_TO_ZERO * max(float(size.max()), NEGLIGIBLE)
+
+
+def _ranks_of(level: Level) -> tuple[int, int]:
+    """Return the rank of a level for the joints that it may move, and for all."""
+    least = NEXT_TO_ZERO * max(float(np.linalg.norm(level.J)), NEGLIGIBLE)
+    own, every = (int((np.linalg.svd(J, compute_uv=False) > least).sum())
+                  for J in (_movable(level), level.J))
+    return own, every
 
 
 def _pairs(evaluations: Sequence[Evaluation]) -> dict[tuple[str, str], tuple[float, int]]:

@@ -3,11 +3,11 @@
 
 """Findings from the numbers of a check: sentences with suggested changes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 import math
 
 import numpy as np
-from tp_controller.control.causes import ACCELERATING
+from tp_controller.control.causes import ACCELERATING, JOINTS
 from tp_controller.control.cycle import TRANSITION
 from tp_controller.control.gains import decay_step, gain_faults, gain_remark, OVERSHOOT_STEP
 from tp_controller.control.joint_limits import VelocityLimit
@@ -133,8 +133,14 @@ def about_levels(setup: Setup, levels: Sequence[LevelResult], filling: frozenset
         bounded = all(setup.stack.tasks[name].bounded for name in level.tasks)
         if bounded and (level.never < 1.0 or not above):
             continue
+        if not level.rank and level.most_of_all:
+            # None of its joints moves it, which is a finding of its own.
+            continue
         where = f'level {level.number} ({_names(level.tasks)})'
         fills = not filling.isdisjoint(level.tasks)
+        change = 'put it above them, or leave out axes of theirs'
+        if level.most_left < level.most_of_all:
+            change = f'let it use more joints, or {change}'
         if level.never == 1.0 and fills and above:
             yield Finding(
                 FINE, 'never acts', where,
@@ -145,13 +151,11 @@ def about_levels(setup: Setup, levels: Sequence[LevelResult], filling: frozenset
                 WRONG, 'never acts', where,
                 'it can never act: ' + (f'in none of the samples is a direction left by {above}'
                                         if above else 'the robot can move none of its rows'),
-                'put it above them, or leave out axes of theirs' if above
-                else 'name another frame, other axes or other joints')
+                change if above else 'name another frame, other axes or other joints')
         elif level.never >= MAJORITY:
             yield Finding(
                 DOUBTFUL, 'seldom acts', where,
-                f'in {level.never:.0%} of the samples no direction is left by {above}',
-                'put it above them, or leave out axes of theirs')
+                f'in {level.never:.0%} of the samples no direction is left by {above}', change)
         elif level.median_left < level.rank and not fills:
             yield Finding(
                 DOUBTFUL, 'acts in part', where,
@@ -191,10 +195,12 @@ def about_gains(setup: Setup) -> Iterator[Finding]:
                           'lower it: 1 to 10/s is usual, and reaches a goal in 1 to 5 s')
 
 
-def about_singularities(setup: Setup, tasks: Sequence[TaskResult]) -> Iterator[Finding]:
-    """Yield a finding for each task that is near a singularity in most samples."""
+def about_singularities(setup: Setup, tasks: Sequence[TaskResult], explained: Collection[str]
+                        ) -> Iterator[Finding]:
+    """Yield a finding for each other task that is near a singularity in most samples."""
     for task in tasks:
-        if task.singular is None or task.smallest is None or task.singular < MAJORITY:
+        if task.singular is None or task.smallest is None or task.singular < MAJORITY \
+                or task.name in explained:
             continue
         never = task.singular == 1.0 and task.smallest < POSITION_ROUNDING
         if never and not task.fixed:
@@ -403,6 +409,8 @@ def _remedy(setup: Setup, task: TaskResult) -> str:
         return 'raise the limits of acceleration and jerk, or the time of a run'
     if task.hint:
         return task.hint
+    if first.kind == JOINTS:
+        return 'let it use more joints'
     if first.kind in BY_OTHERS:
         return f'see what {first.name or "the others"} leaves it, and send goals that agree'
     if 'position limit' in first.kind:

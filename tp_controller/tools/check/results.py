@@ -19,7 +19,7 @@ WRONG, DOUBTFUL, ACCEPTED, FINE = 'wrong', 'doubtful', 'accepted', 'fine'
 SEVERITIES = (WRONG, DOUBTFUL, ACCEPTED, FINE)
 # Kinds of findings that can be accepted: all but faults of the stack or the program.
 KINDS = ('acts in part', 'bounds', 'bounds dominate', 'contradiction', 'cycle time', 'fight',
-         'gain', 'impossible', 'jump', 'never active', 'never acts', 'never reached',
+         'gain', 'impossible', 'joints', 'jump', 'never active', 'never acts', 'never reached',
          'out of reach', 'parameter', 'remark', 'seldom acts', 'seldom reached', 'singular',
          'slow', 'units', 'unwatched', 'velocity limit', 'weights')
 # Kinds of causes besides those of a cycle: nothing limited the task when the time of the run was
@@ -55,6 +55,7 @@ class LevelResult:
     least_left: int = _spec('smallest rank that the levels above left')
     median_left: float = _spec('median of that')
     most_left: int = _spec('largest of that')
+    most_of_all: int = _spec('largest of that if the level could move all joints')
     never: float = _spec('share of samples in which no rank was left')
 
 

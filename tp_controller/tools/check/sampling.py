@@ -8,6 +8,7 @@ import math
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, rotation_from_vector
+from tp_controller.solver.level import Mask
 
 # Half of the range over which a joint without limits is sampled, and by which a base is moved
 # [rad or m]. Limits farther away than so many times that count as none.
@@ -47,6 +48,19 @@ def random_configuration(robot: Robot, random: np.random.Generator, around: Arra
     if not robot.moves:
         return robot.configuration(joints)
     return robot.configuration(joints, _random_pose(robot, random, around, far))
+
+
+def moved_from(robot: Robot, around: Array, q: Array, moved: Mask) -> Array:
+    """
+    Return a configuration (nq,) with some joints as in `q` and the others as in `around`.
+
+    `moved` (n,) marks the velocities of the former; a base is as in `q` if it has one of them.
+    """
+    found, columns, rows = q.copy(), robot.joint_columns, robot.joint_rows
+    found[rows] = np.where(moved[columns], q[rows], around[rows])
+    if not moved[:columns.start].any():
+        found[:rows.start] = around[:rows.start]
+    return found
 
 
 def _ranges(lower: Array, upper: Array, units: tuple[str, ...]) -> tuple[Array, Array]:
