@@ -342,7 +342,7 @@ def _count(title: str, task: str, cause: tuple[str, str], share: float, given: f
         findings.faults.append(f'{title}: {task}, {cause}: {share:.3f}, not {given:.3f}')
 
 
-def measure(case: str, tasks: int, masks: bool) -> Findings:
+def measure(case: str, tasks: int, masks: bool = False) -> Findings:
     """Return what runs come to, with at least this many limited tasks."""
     findings, number = Findings(), 0
     while findings.tasks < tasks:
