@@ -20,45 +20,51 @@ SHARE = '$(ros2 pkg prefix --share tp_controller)'
 COMMANDS = {
     'ur5e': '/forward_velocity_controller/commands', 'fr3': '/velocity_controller/commands',
     'gen3': '/joint_group_velocity_controller/commands', 'xarm7': '/velocity_controller/commands'}
-# Which command of a page starts the controller on the robot.
-FIRST, FULL = 0, 1
 
 
-def arguments_of(page, node, number):
-    """Return the arguments of a command on a page, in the folder of the pages."""
+def arguments_of(page, node):
+    """Return the arguments of the command on a page that starts a node."""
     text = (REPOSITORY / 'docs' / f'{page}.md').read_text(encoding='utf-8')
-    lines = [line for line in text.replace('\\\n', ' ').splitlines()
-             if line.startswith(f'ros2 run tp_controller {node} ')]
-    return [word.replace(SHARE, str(REPOSITORY)) for word in shlex.split(lines[number])[4:]]
+    line, = (line for line in text.replace('\\\n', ' ').splitlines()
+             if line.startswith(f'ros2 run tp_controller {node} '))
+    return [word.replace(SHARE, str(REPOSITORY)) for word in shlex.split(line)[4:]]
 
 
 def simulator_arguments(name):
     """Return the arguments of the simulator, as shown for the robot that stands for all."""
-    return [word.replace('ur5e', name) for word in arguments_of('robots', 'simulator_node', 0)]
+    return [word.replace('ur5e', name) for word in arguments_of('robots', 'simulator_node')]
 
 
-def start(harness, name, number):
-    """Return the controller that a command of a page starts, for the table of the robot."""
-    arguments = arguments_of(f'robots/{name}', 'controller_node', number)
+def start(harness, name, first=True):
+    """
+    Return the controller that the command of a page starts, for the table of the robot.
+
+    Without the second file it is, as the page says, the one after the first motion.
+    """
+    arguments = arguments_of(f'robots/{name}', 'controller_node')
+    if not first:
+        second = max(at for at, word in enumerate(arguments) if word == '--params-file')
+        assert arguments[second + 1].endswith(f'{name}_first.yaml')
+        del arguments[second:second + 2]
     return harness.make(ControllerNode, arguments=arguments,
                         robot=str(CONFIG / 'robots' / f'{name}.yaml'), status_rate=50.0)
 
 
-@pytest.mark.parametrize('number, share', [(FIRST, 0.1), (FULL, 1.0)])
+@pytest.mark.parametrize('first, share', [(True, 0.1), (False, 1.0)])
 @pytest.mark.parametrize('name', COMMANDS)
-def test_first_motion_has_a_tenth_of_the_velocities(harness, name, number, share):
+def test_first_motion_has_a_tenth_of_the_velocities(harness, name, first, share):
     table = Robot.from_file(CONFIG / 'robots' / f'{name}.yaml')
-    robot = start(harness, name, number)._robot.controller.robot
+    robot = start(harness, name, first)._robot.controller.robot
     assert robot.velocity == pytest.approx(share * table.velocity, rel=1e-3)
-    assert (robot.acceleration < table.acceleration).all() == (number == FIRST)
+    assert (robot.acceleration < table.acceleration).all() == first
     assert (robot.lower == table.lower).all() and (robot.upper == table.upper).all()
 
 
 @pytest.mark.parametrize('name', COMMANDS)
 def test_first_motion_refuses_goals_far_away_and_is_slow(harness, name):
-    controller = start(harness, name, FIRST)
+    controller = start(harness, name)
     arguments = simulator_arguments(name)
-    for word in arguments_of(f'robots/{name}', 'controller_node', FIRST):
+    for word in arguments_of(f'robots/{name}', 'controller_node'):
         arguments += ['-r', word] if word.startswith(('joint_states', 'velocity_')) else []
     harness.make(SimulatorNode, arguments=arguments)
     goals = harness.publisher(PoseStamped, '/tp_controller/tool/goal')
