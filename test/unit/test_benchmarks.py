@@ -162,6 +162,7 @@ def test_random_stacks_have_all_types_of_tasks(monkeypatch):
     assert found == set(task_types())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('plant', ['delay1', 'delay2', 'lag'])
 def test_robot_that_follows_late_comes_to_rest_too(calm, plant):
     runs = [calm.run('planar 3R', 100, None, number, plant, seed=1) for number in range(4)]

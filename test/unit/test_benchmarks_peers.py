@@ -83,6 +83,7 @@ def test_comparison_without_other_packages_shows_this_one_and_what_it_skipped(al
     assert widths == heads
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, tips', [
     ('Panda, pose > elbow position', ('panda_hand_tcp', 'panda_link4')),
     ('Talos upper body, 18 joints, 4 levels', ('arm_right_7_link', 'head_2_link'))])
@@ -110,6 +111,7 @@ def test_share_of_a_way_turns_and_shifts_by_that_share(worker):
     np.testing.assert_array_equal(worker.on_the_way(goal, goal, 0.25), goal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('variant', ['', 'damped'])
 def test_plain_recursion_moves_the_tool_as_it_should_whatever_the_elbow_does(
         peers, worker, tmp_path, variant):
@@ -148,6 +150,7 @@ def test_motion_counts_what_exceeds_limits_and_how_velocities_change(worker):
     assert found['change'] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_goal_is_reached_by_the_first_task_alone(peers, tmp_path):
     scene = peers.Scene('Panda, pose > posture', tmp_path)
     goals = scene.goals(scene.ready, scene.ready + 0.5)

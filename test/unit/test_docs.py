@@ -182,6 +182,7 @@ def test_generated_tables_about_the_nodes_are_current(page, generate):
         'run: python docs/generate.py'
 
 
+@pytest.mark.slow
 def test_lists_of_topics_name_the_node_at_which_ros_tools_show_them(generate):
     pytest.importorskip('rclpy')
     nodes = {}

@@ -52,6 +52,7 @@ def test_page_about_the_library_lists_them_all():
     assert sorted(listed) == [path.stem for path in EXAMPLES]
 
 
+@pytest.mark.slow
 def test_circle_is_followed_without_lag_if_its_velocity_is_sent():
     without, with_velocity = run('follow_circle').splitlines()
     # Radius, turning speed and gain: a first-order lag.
@@ -75,6 +76,7 @@ def test_object_stays_in_view_only_with_the_task():
     assert angle <= allowed and with_task.endswith('tool reached')
 
 
+@pytest.mark.slow
 def test_elbow_evades_the_ball_while_the_tool_stays():
     nearest, demanded, elbow, tool = numbers(run('avoid_obstacle'))
     # The ball comes nearer by 2.5 mm while the elbow evades it: its speed over the gain.

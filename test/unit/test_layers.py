@@ -129,6 +129,7 @@ def test_every_part_has_modules_and_every_module_a_part():
     assert {part(name) for name in MODULES} == {*LIBRARY, *WINGS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', MODULES, ids=named)
 def test_module_imports_only_from_its_part_and_those_below(name):
     own = part(name)
@@ -189,6 +190,7 @@ def test_method_uses_its_libraries_and_nothing_of_ros(name):
         assert top in sys.stdlib_module_names | LIBRARIES or (name, top) in OPTIONAL, module
 
 
+@pytest.mark.slow
 def test_only_the_nodes_and_tools_beside_them_speak_ros():
     for name, path in MODULES.items():
         speaks = part(name).startswith(SPEAK_ROS) and part(name) != 'ros.declarations'
@@ -305,6 +307,7 @@ def test_tests_here_need_no_ros():
                 or module == f'tp_controller.{READER}', path
 
 
+@pytest.mark.slow
 def test_only_solids_and_their_distances_know_the_collision_library():
     assert [name for name in METHOD if 'coal' in imported(MODULES[name])] == [
         'model.clearance', 'model.solids', 'model.urdf_solids']

@@ -126,6 +126,7 @@ def test_home_is_bent_within_limits_and_the_same_in_both_files(name):
     assert np.linalg.svd(robot.state(home).jacobian(tool))[1][-1] > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ROBOTS)
 def test_tool_reaches_goals_and_no_limit_is_exceeded(name):
     robot = robot_of(name)

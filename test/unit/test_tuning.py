@@ -82,6 +82,7 @@ def test_damping_slows_joints_near_a_singularity_at_little_cost():
     assert error[1, -1] < error[0, -1] + 1.0
 
 
+@pytest.mark.slow
 def test_too_much_damping_makes_it_creep():
     error, _ = curves('creeping')
     assert error[0, 300:].max() > 15.0 and error[1, 300:].max() < 1.0
@@ -119,6 +120,7 @@ def test_a_posture_ends_the_drift():
         assert drift[0] > 0.1 > 0.02 > drift[1]
 
 
+@pytest.mark.slow
 def test_a_reserve_keeps_the_first_task_on_its_path():
     error, tilt = curves('reserve')
     assert error[0, 150:].max() > 100.0 and error[1, 150:].max() < 10.0

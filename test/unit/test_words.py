@@ -117,6 +117,7 @@ def shared(modules):
             if len({*map(repr, values.values())}) > 1}
 
 
+@pytest.mark.slow
 def test_constants_of_one_name_have_one_value():
     package = ROOT / 'tp_controller'
     assert not shared({path.relative_to(package).as_posix(): path.read_text(encoding='utf-8')

@@ -257,6 +257,7 @@ def test_an_arm_that_cannot_move_towards_its_goal_is_nudged_three_times_and_then
     np.testing.assert_allclose(robot.state(loop.q).position('link4')[:2], [0.7, 0.1], atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rests, nudged', [((0.16,), False), ((0.05, 0.16, 0.12), False),
                                            ((0.16, 0.24), True)])
 def test_only_an_arm_that_has_stood_still_for_a_while_is_nudged(rests, nudged):

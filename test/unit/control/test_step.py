@@ -58,6 +58,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', CASES)
 def test_cycles_in_any_order_give_the_bits_of_those_in_a_row(case, monkeypatch):
     make, text, start, goal, settings = CASES[case]

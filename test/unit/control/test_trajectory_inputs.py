@@ -86,6 +86,7 @@ def streamed(run, path, seconds, rate, seed=0):
     return np.array(errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [10.0, 20.0, 50.0])
 def test_chunks_of_a_circle_are_followed_within_a_millimetre(rate):
     run = Run()

@@ -262,6 +262,7 @@ def twin(task):
     return task
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change', CHANGES)
 def test_the_change_is_complete_after_its_time(change):
     run = Run()
@@ -384,6 +385,7 @@ def test_bounds_of_the_new_stack_hold_while_a_change_fades_out():
     assert len(below) == 2 and below[0] is first and below[1].v is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('pause', [0.0, 0.05])
 def test_a_change_further_down_does_not_cut_short_the_one_above_it(pause):
     run = Run()
@@ -408,6 +410,7 @@ def test_acceleration_limits_count_with_the_time_that_has_passed():
         np.testing.assert_allclose(after - before, 5.0 * 0.4 * PERIOD, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_settings_that_are_the_same_change_nothing():
     run, other = Run(), Run()
     run.until(CHANGE)
@@ -523,6 +526,7 @@ def unchanged(robot, text, q, every, goal, blend=0.4, passive=None):
     return velocities
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('every', [1, 5, 20])
 @pytest.mark.parametrize('blend, gain', [(0.4, 2.0), (0.4, 20.0), (4.0, 2.0)])
 def test_changes_that_change_nothing_leave_no_trace(blend, gain, every):
@@ -571,6 +575,7 @@ def test_levels_that_are_rearranged_remember_what_they_pushed_against():
     assert memory.damping == (0.0, of_posture, of_tool)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('every', [1, 5, 50])
 def test_arm_leaves_a_singularity_while_settings_change(every):
     robot = robots.planar()
@@ -649,6 +654,7 @@ def test_robot_that_was_halted_and_moved_by_hand_starts_from_rest():
     assert np.abs(run.velocities[-1]).max() < 0.01
 
 
+@pytest.mark.slow
 def test_first_task_tracks_exactly_while_a_lower_one_changes_all_the_time():
     run = Run()
     start = run.goal

@@ -92,6 +92,7 @@ def test_no_choice_within_the_bounds_leaves_a_limit(seed, period, share, strateg
         assert (q <= upper + 1e-12).all() and (q >= lower - 1e-12).all()
 
 
+@pytest.mark.slow
 @given(SEEDS, PERIODS, st.sampled_from(STRATEGIES))
 def test_joints_without_an_acceleration_limit_keep_their_ranges_too(seed, period, strategy):
     rng = np.random.default_rng(seed)
@@ -299,6 +300,7 @@ def test_distance_that_counts_is_the_one_where_pending_commands_lead():
 
 # Where limits contradict each other
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from(STRATEGIES), st.booleans(), SHARES)
 def test_joint_outside_its_range_is_led_back_at_a_bounded_speed(seed, strategy, accelerated,
                                                                 share):

@@ -34,6 +34,7 @@ def write(path, **parts):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('as_text', [False, True])
 def test_forward_kinematics_are_those_of_pinocchio(tmp_path, as_text):
     path = write(tmp_path / 'arm.xml')
@@ -50,6 +51,7 @@ def test_forward_kinematics_are_those_of_pinocchio(tmp_path, as_text):
     assert robot.mass == pytest.approx(pinocchio.computeTotalMass(model))
 
 
+@pytest.mark.slow
 def test_linear_equalities_of_two_joints_are_mimic_joints(tmp_path):
     path = write(tmp_path / 'arm.xml', rest="""<equality>
 <joint joint1="right" joint2="left" polycoef="0.01 0.5 0 0 0"/>
@@ -63,6 +65,7 @@ def test_linear_equalities_of_two_joints_are_mimic_joints(tmp_path):
     assert T.dot(state.pose('finger'))[1, 3] == pytest.approx(0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('joint', ['<freejoint name="root"/>', '<joint type="free" name="root"/>'])
 def test_a_free_joint_of_the_robot_becomes_its_base(tmp_path, joint):
     text = ARM(compiler='', base='', rest='').replace('<body name="base" >',
@@ -111,6 +114,7 @@ def test_all_bodies_of_the_world_are_read_and_loose_objects_left_out():
     assert robot.remarks == ('MJCF: without the objects that float: ball',)
 
 
+@pytest.mark.slow
 def test_included_files_are_merged(tmp_path):
     write(tmp_path / 'arm.xml', rest='<keyframe><key qpos="1 2"/></keyframe>')
     (tmp_path / 'scene.xml').write_text(
@@ -138,6 +142,7 @@ MESH = '<asset><mesh name="part" file="part.stl"/></asset>'
 WITH_MESH = '<body name="base" ><geom type="mesh" mesh="part" mass="1"/>'
 
 
+@pytest.mark.slow
 def test_meshes_are_found_in_their_folder(tmp_path):
     (tmp_path / 'assets').mkdir()
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
@@ -182,6 +187,7 @@ def test_a_text_cannot_include_files():
         Robot.from_urdf('<mujoco><include file="arm.xml"/></mujoco>')
 
 
+@pytest.mark.slow
 def test_a_robot_without_its_meshes_has_no_shapes_and_says_so(tmp_path):
     path = tmp_path / 'arm.xml'
     path.write_text(ARM(compiler='', base='', rest=MESH).replace('<body name="base" >', WITH_MESH))

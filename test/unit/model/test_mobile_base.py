@@ -434,6 +434,7 @@ def test_tool_reaches_what_the_arm_alone_could_not(base, accelerations):
     assert np.linalg.norm(base_pose(robot, q)[:2, 3]) > 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('base', FLAT)
 def test_tiago_reaches_a_goal_that_its_base_has_to_drive_to(base):
     robot = Robot.from_urdf(robots.urdf_path('tiago'), base=base, joints=[

@@ -83,6 +83,7 @@ def configuration(model, rng):
     return q, values
 
 
+@pytest.mark.slow
 @given(SEEDS, st.booleans())
 def test_forward_kinematics_are_those_of_the_model(seed, floating):
     rng = np.random.default_rng(seed)
@@ -100,6 +101,7 @@ def test_forward_kinematics_are_those_of_the_model(seed, floating):
         np.testing.assert_allclose(state.pose(name), expected.homogeneous, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_centre_of_mass_is_that_of_the_model(seed):
     rng = np.random.default_rng(seed)

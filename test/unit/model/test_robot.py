@@ -112,6 +112,7 @@ def test_convention_in_the_call_goes_before_the_one_in_the_table():
                                Robot.from_dh(rows).state(q).pose('link2'))
 
 
+@pytest.mark.slow
 def test_dh_table_as_text_as_file_and_as_list_is_the_same_robot(tmp_path):
     text = 'joints:\n- {name: a, a: 0.3}\n- {name: b, alpha: 0.2, d: 1.0}\n'
     file = tmp_path / 'arm.yaml'

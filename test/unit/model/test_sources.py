@@ -48,6 +48,7 @@ def test_a_urdf_is_found_by_its_name(package):
         assert robot.joint_names == Robot.from_file(robots.urdf_path('panda')).joint_names
 
 
+@pytest.mark.slow
 def test_an_mjcf_is_found_by_its_name(package, tmp_path):
     (tmp_path / 'm.xml').write_text(MJCF)
     package('m_mj_description', MJCF_PATH=str(tmp_path / 'm.xml'))
@@ -92,6 +93,7 @@ def test_a_missing_package_is_named_with_its_installation(monkeypatch):
         Robot.from_file('robot_descriptions:panda_description')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('text', [
     f'<?xml version="1.0"?>\n<!-- a <robot> -->\n{MJCF}', ' ' * 20_000 + MJCF])
 def test_the_format_is_that_of_the_outermost_element(tmp_path, text):
@@ -101,6 +103,7 @@ def test_the_format_is_that_of_the_outermost_element(tmp_path, text):
     assert Robot.from_file(path).joint_names == ('j',)
 
 
+@pytest.mark.slow
 def test_macros_in_comments_do_not_count(tmp_path):
     path = tmp_path / 'robot.urdf'
     path.write_text(robots.CHAIN.replace('<link name="l1"/>',

@@ -42,6 +42,7 @@ def test_a_xacro_is_the_robot_that_it_expands_to(arm):
     assert robot.state([0.0, 0.0]).position('tip').tolist() == [0.0, 0.0, 3.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('arguments', [
     {'length': 0.25, 'tool': False}, ['length:=0.25', 'tool:=false', '']])
 def test_arguments_replace_defaults(arm, arguments):
@@ -51,6 +52,7 @@ def test_arguments_replace_defaults(arm, arguments):
         assert robot.state([0.0]).position('b')[2] == 0.25
 
 
+@pytest.mark.slow
 def test_macros_are_expanded_in_files_of_any_name(arm):
     plain = arm.rename(arm.with_name('arm.urdf'))
     assert Robot.from_file(plain).joint_names == ('a', 'c')
@@ -71,6 +73,7 @@ USER = HEAD + """<xacro:include filename="$(find sizes)/sizes.xacro"/><link name
 <limit lower="0" upper="${length}" velocity="1" effort="0"/></joint></robot>"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('where', ['above', 'beside', 'by manifest', 'path', 'prefix'])
 def test_packages_are_found_without_ros(tmp_path, monkeypatch, where):
     monkeypatch.setitem(sys.modules, 'ament_index_python', None)
@@ -137,6 +140,7 @@ def test_a_document_type_is_refused(tmp_path):
         Robot.from_file(path)
 
 
+@pytest.mark.slow
 def test_an_optional_include_may_be_missing(tmp_path):
     path = tmp_path / 'robot.xacro'
     # What follows is relative to the file, not to the missing one.

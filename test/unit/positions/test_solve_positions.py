@@ -25,6 +25,7 @@ TEXT = f'- tool: {{type: pose, frame: {TOOL}}}\n- posture: {{type: posture}}\n'
 PATIENT = {'timeout': 60.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('jobs', [1, 3, -1])
 @pytest.mark.parametrize('each', [False, True], ids=['one start', 'a start for each'])
 def test_answers_are_those_of_single_calls(jobs, each):
@@ -50,6 +51,7 @@ def test_answers_are_those_of_single_calls(jobs, each):
     assert found[8].tasks[0].reached
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'frame'), [('ur5', 'tool0'), ('tiago', 'arm_tool_link')])
 def test_joints_turn_by_whole_turns_as_in_single_calls(name, frame):
     robot = robots.urdf_robot(name)

@@ -103,6 +103,7 @@ def test_levels_with_bounds_are_met_or_violated_least_in_the_order_of_priority(p
     check_against_reference(n, hierarchy, lower, upper)
 
 
+@pytest.mark.slow
 @given(hierarchies(max_joints=7), SEEDS)
 def test_weights_decide_what_is_left_within_the_bounds(problem, seed):
     n, hierarchy, lower, upper = problem
@@ -152,6 +153,7 @@ def test_joint_that_moves_a_bound_by_next_to_nothing_does_not_race_for_it():
     np.testing.assert_allclose(solution.velocity, [1.0, 1.0, 0.0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from([0.0, 1e-14, 1e-10, 1e-7, 1e-4]), st.booleans())
 def test_near_rank_loss_the_answer_is_finite_and_within_bounds_and_priorities(seed, gap, exact):
     rng = np.random.default_rng(seed)
@@ -193,6 +195,7 @@ def test_the_least_excess_is_redistributed_too(excess):
     assert abs(solution.levels[0].residual[0]) < 1e-11
 
 
+@pytest.mark.slow
 @given(hierarchies(rows=False, max_levels=3))
 def test_a_missing_side_is_an_infinite_one(problem):
     n, hierarchy, _, upper = problem
@@ -248,6 +251,7 @@ def check_optimality(n, hierarchy, lower, upper, tolerance=1e-7):
             rows_above = np.concatenate([rows_above, J])
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(hierarchies(rows=False, kinds=('symmetric', 'mixed', 'zero', 'beside zero')))
 def test_multipliers_prove_that_every_level_is_optimal(problem):
@@ -265,6 +269,7 @@ def test_multipliers_prove_that_levels_with_bounds_are_violated_least(problem):
     check_optimality(n, hierarchy, lower, upper)
 
 
+@pytest.mark.slow
 @given(hierarchies(max_joints=6, kinds=('mixed', 'fixed')))
 def test_multipliers_count_joints_at_their_bounds(problem):
     n, hierarchy, lower, upper = problem
@@ -285,6 +290,7 @@ def test_first_level_is_never_carried_out_worse_than_by_the_step_cut_off(seed, m
     assert np.linalg.norm(v - J @ velocity) <= np.linalg.norm(v - J @ cut) + 1e-9
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from([(2,), (6,), (3, 2), (2, 2, 6)]))
 def test_bound_that_only_just_begins_to_matter_changes_next_to_nothing(seed, rows):
     rng = np.random.default_rng(seed)
@@ -339,6 +345,7 @@ def test_bounds_that_are_idle_change_nothing(problem, options, barely):
     assert all(not level.limited_by for level in bounded.levels)
 
 
+@pytest.mark.slow
 @given(hierarchies(rows=False, max_levels=4))
 def test_bounds_that_only_levels_on_the_way_meet_cost_little(problem):
     n, hierarchy, _, _ = problem
@@ -351,6 +358,7 @@ def test_bounds_that_only_levels_on_the_way_meet_cost_little(problem):
             np.linalg.norm(J @ free - v) + 0.01 * np.linalg.norm(v)
 
 
+@pytest.mark.slow
 @given(hierarchies(rows=False, max_levels=4), st.sampled_from([{}, DEFAULTS, {'damping': 0.3}]),
        st.floats(0.1, 2.0))
 def test_joint_that_is_limited_leaves_joints_it_has_nothing_to_do_with_alone(problem, options,
@@ -391,6 +399,7 @@ def test_order_of_the_joints_and_frame_and_size_of_the_rows_do_not_matter(proble
     np.testing.assert_allclose(velocity, before, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(hierarchies(max_levels=4), st.sampled_from([{}, DEFAULTS]))
 def test_same_problem_gives_the_same_velocity_to_the_last_digit(problem, options):
     n, hierarchy, lower, upper = problem

@@ -181,6 +181,7 @@ def allocated():
     return sanitizer() // 1024
 
 
+@pytest.mark.slow
 @of_linux
 def test_core_takes_no_more_memory_from_cycle_to_cycle():
     rng = np.random.default_rng(1)

@@ -67,6 +67,7 @@ def test_only_directions_in_the_singular_region_are_damped(s, gain):
     assert velocity == pytest.approx([1.0, gain, 0.0], rel=1e-12)
 
 
+@pytest.mark.slow
 @given(stacks(max_joints=10, max_levels=4), st.sampled_from([0.05, 0.3, 1.0]),
        st.sampled_from([0.1, 1.0, math.inf]))
 def test_damped_levels_are_the_recursion_with_every_direction_damped_by_itself(stack, damping,
@@ -328,6 +329,7 @@ def test_where_demands_are_met_bends_come_to_nothing_and_the_answer_is_exact(see
                                atol=1e-9 * max(1.0, np.abs(exact).max()))
 
 
+@pytest.mark.slow
 @given(hierarchies(), st.sampled_from(['redistribute', 'uniform']))
 def test_call_without_a_memory_is_the_same_whatever_the_period(problem, scaling):
     n, hierarchy, lower, upper = problem
@@ -340,6 +342,7 @@ def test_call_without_a_memory_is_the_same_whatever_the_period(problem, scaling)
         assert len(timed.memory) == len(levels) and min(timed.memory) >= 0.0
 
 
+@pytest.mark.slow
 @given(hierarchies(max_levels=3), SEEDS)
 def test_call_without_a_period_and_damping_everywhere_remember_nothing(problem, seed):
     n, hierarchy, lower, upper = problem

@@ -54,6 +54,7 @@ def test_fast_path_agrees_with_the_recursion_wherever_it_answers(stack, closed, 
     np.testing.assert_allclose(short, long, rtol=0, atol=1e-9 * max(1.0, np.abs(long).max()))
 
 
+@pytest.mark.slow
 @given(easy_stacks(), st.sampled_from([(0.0, math.inf), (0.1, 0.1), (0.5, 0.2), (0.3, 2.0)]))
 def test_fast_path_answers_wherever_levels_are_far_from_singular(stack, damped):
     n, levels, closing = stack

@@ -24,6 +24,7 @@ def bounded(velocity, lower, upper):
     return solve([(np.eye(len(velocity)), velocity)], lower, upper)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(numbers(-1e3, 1e3), numbers(0, 10), numbers(0, 10)),
                 min_size=1, max_size=8))
 @example([(49.0, 1.0, 1.0)])
@@ -77,6 +78,7 @@ def test_side_without_a_bound_is_free():
     assert bounded([1.0, 100.0], lower, upper).velocity == pytest.approx([0.5, 50.0])
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(numbers(-1e3, 1e3), numbers(-10, 10), numbers(0, 10)),
                 min_size=1, max_size=8))
 @example([(1.0, 0.2, 0.6), (0.0, -1.0, 2.0)])
@@ -149,6 +151,7 @@ def test_scaling_keeps_the_direction_of_every_task():
         assert level.scale == solution.scale < 1.0
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_uniform_scaling_slows_what_the_bounds_of_levels_left(seed):
     """Within them first, as if joints had no limits; then shorter, in the same direction."""

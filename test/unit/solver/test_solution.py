@@ -93,6 +93,7 @@ def test_unreachable_is_what_is_missing_without_bounds_too():
     assert level.unreachable == near([0.7, 0.0])
 
 
+@pytest.mark.slow
 def test_widening_a_bound_helps_as_much_as_its_multiplier_says():
     rng = np.random.default_rng(21)
     for _ in range(20):

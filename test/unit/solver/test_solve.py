@@ -136,6 +136,7 @@ def test_closing_level_settles_exactly_what_the_others_leave_free():
 
 # Weights
 
+@pytest.mark.slow
 @given(stacks(max_joints=12), SEEDS)
 def test_weighted_solution_is_optimal_in_the_weighted_norm(stack, seed):
     n, levels = stack
@@ -207,6 +208,7 @@ def test_unit_of_a_row_does_not_matter_to_levels_that_can_be_met(seed, factor):
                                atol=1e-8 * np.abs(velocity).max())
 
 
+@pytest.mark.slow
 @given(stacks(max_joints=8))
 def test_same_levels_give_the_same_velocity_to_the_last_digit(stack):
     _, levels = stack

@@ -117,6 +117,7 @@ def test_relaxed_direction_does_not_jump_where_another_joint_reaches_its_bound()
     assert largest_jump(velocity) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('upper', [[9.0, 9.0, 9.0], [0.1, 0.3, 0.2], [1.0, 0.05, 1.0]])
 @pytest.mark.parametrize('below', [[], [([[0.0, 1.0, 1.0]], [0.4])],
                                    [(np.eye(3), [0.1, -0.4, 0.3])]])
@@ -145,6 +146,7 @@ def test_regularisation_costs_the_first_level_little(seed):
             np.linalg.norm(first.J @ exact - first.v) + 0.01 * np.linalg.norm(first.v)
 
 
+@pytest.mark.slow
 @given(SEEDS)
 def test_regularised_level_is_hardly_changed_by_the_levels_below_it(seed):
     levels, box = along_a_line(seed, rows=(2, 2, 6))

@@ -256,6 +256,7 @@ def test_bounds_that_joints_at_their_limits_meet_in_part_ask_the_rest_for_less(d
             side * found, [limit, eased(0.2 - way * limit, 0.2, s)], rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_bounds_of_which_little_is_left_do_not_make_the_joints_race():
     rng, fastest = np.random.default_rng(0), np.zeros(2)
     for _ in range(200):

@@ -452,6 +452,7 @@ def test_distances_do_not_depend_on_how_many_pairs_are_checked_at_once(size, mon
         assert np.allclose(one.J, other.J, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_obstacles_that_change_give_what_new_ones_do_and_leave_the_others_alone(monkeypatch):
     monkeypatch.setattr('tp_controller.model.clearance.PAIRS_PER_BATCH', 4)
     task, rng = make('obstacles', arm(), distance=0.1), np.random.default_rng(5)
@@ -649,6 +650,7 @@ def test_half_space_is_the_floor_where_it_has_no_place():
     np.testing.assert_array_equal(task.obstacles['floor'].pose, np.eye(4))
 
 
+@pytest.mark.slow
 def test_file_that_is_no_text_or_no_yaml_is_named(tmp_path):
     file = tmp_path / 'shapes.yaml'
     file.write_bytes(b'\xff\xfe')

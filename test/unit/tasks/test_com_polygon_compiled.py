@@ -48,6 +48,7 @@ def assert_same(one, other):
         each.error.tolist() for each in sum(one.evaluations, [])]
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, name=st.sampled_from(NAMES), count=st.integers(1, 3), shared=st.booleans())
 def test_rows_are_those_of_the_reference_whichever_way_evaluated_the_cycle_before(
         seed, name, count, shared):

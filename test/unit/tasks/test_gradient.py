@@ -86,6 +86,7 @@ def test_joint_nears_the_middle_at_a_bounded_rate_however_short_its_range(half, 
         assert speeds[-1] == pytest.approx(-10.0 * place * half, rel=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('keys', [
     'type: manipulability, frame: panda_hand_tcp', 'type: joint_limit_distance, gain: 0.3'])
 def test_function_grows_in_the_null_space_of_the_task_above_without_disturbing_it(keys):

@@ -113,6 +113,7 @@ close = np.testing.assert_allclose
 
 # All types
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', KINDS)
 def test_type_draws_the_parts_that_it_declares(name):
     kind, seen = KINDS[name], set()
@@ -310,6 +311,7 @@ def test_region_is_drawn_with_what_is_inside_or_outside():
         assert parts['sphere'].shape.radius == 0.04
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['keep_in', 'keep_out'])
 @given(seed=SEEDS)
 def test_arrow_leads_back_to_the_bound_of_a_region(name, seed):
@@ -329,6 +331,7 @@ def test_arrow_leads_back_to_the_bound_of_a_region(name, seed):
         close(np.linalg.norm(parts['error'].end - place), outside, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_cone_of_a_tilt_is_about_its_direction(seed):
     task, state, placements, _ = started('tilt', seed, lambda rng: rng.normal(size=3),
@@ -339,6 +342,7 @@ def test_cone_of_a_tilt_is_about_its_direction(seed):
     assert cone.half_angle == 0.3
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_arc_of_a_range_turns_an_axis_of_the_goal_from_one_bound_to_the_other(seed):
     task, state, placements, _ = started(
@@ -372,6 +376,7 @@ def test_bounds_of_a_distance_are_spheres_about_the_point_and_an_arrow_leads_bac
         close(parts['error'].start, place, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_distances_are_lines_from_surface_to_surface(seed):
     capsule = {'from': [0.0, 0.0, -0.1], 'to': [0.0, 0.0, 0.05], 'radius': 0.07}

@@ -78,6 +78,7 @@ def test_empty_stack_is_a_stack(text):
     assert stack.levels(robots.planar().state(robots.PLANAR_START), 0.0) == []
 
 
+@pytest.mark.slow
 def test_stack_is_read_from_a_file_by_path_and_from_text(tmp_path):
     file = tmp_path / 'stack.yaml'
     file.write_text(GOOD, encoding='utf-8')
@@ -226,6 +227,7 @@ DOCUMENTS = st.recursive(
     max_leaves=12)
 
 
+@pytest.mark.slow
 @given(st.lists(st.dictionaries(PIECES, DOCUMENTS, max_size=2), max_size=4) | DOCUMENTS)
 def test_any_yaml_gives_a_stack_or_a_stack_error(document):
     try:

@@ -627,6 +627,7 @@ def test_half_a_turn_is_made_at_full_speed_from_the_start(axis):
     assert turned == pytest.approx(math.pi, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['orientation', 'pose'])
 def test_half_a_turn_does_not_stall_where_measurements_are_noisy(name):
     for seed in range(10):

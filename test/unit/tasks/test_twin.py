@@ -170,6 +170,7 @@ def test_type_that_takes_velocities_itself_is_told_those_of_goals_that_move():
         assert task.twin is not None and task.feed_forward(0.0).tolist() == [2.0] * 6
 
 
+@pytest.mark.slow
 @given(seed=seeds, name=st.sampled_from(sorted(robots.EVERY)), gains=st.booleans(),
        most=st.sampled_from([0.01, 100.0]))
 def test_distance_from_joint_limits_is_that_of_the_reference(seed, name, gains, most):
@@ -260,6 +261,7 @@ def test_bounds_are_those_of_the_reference_whichever_way_evaluated_the_cycle_bef
         here.update(q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('shape', SHAPES)
 @pytest.mark.parametrize('kind', ['keep_in', 'keep_out'])
 def test_distances_from_faces_edges_and_corners_are_those_of_the_reference(kind, shape):

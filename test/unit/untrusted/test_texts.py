@@ -27,6 +27,7 @@ def test_lines_stay_where_they_may():
     assert plain('a\n\x1bb', lines=True) == 'a\n\ufffdb'
 
 
+@pytest.mark.slow
 def test_every_character_is_shown_or_replaced():
     everything = ''.join(map(chr, range(0x110000)))
     shown = plain(everything, len(everything))

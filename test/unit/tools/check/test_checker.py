@@ -262,6 +262,7 @@ def test_directions_that_a_robot_does_not_have_are_named():
 # Closed loops ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_compatible_goals_are_reached():
     report = check(planar(), stack_of(planar(), TIP.replace('}', ', gain: 3}'), ANGLE),
                    samples=5, runs=6)
@@ -334,6 +335,7 @@ def test_a_jump_without_a_velocity_limit_has_a_unit():
     assert 'changes by 750% of its velocity limit' in limited.message
 
 
+@pytest.mark.slow
 def test_goals_come_from_where_bounds_are_satisfied():
     lines = ['half: {type: keep_in, frame: link3, shape: {box: [4.0, 8.0, 8.0]}, '
              'at: [2.1, 0.0, 0.0], tolerance: 1.0e-3}', TIP.replace('}', ', gain: 3}')]

@@ -43,6 +43,7 @@ def file(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_of_several_files_the_last_one_that_gives_a_parameter_counts(tmp_path):
     texts = (
         'tp_controller: {ros__parameters: {rate: 50.0, damping: 0.2, '
@@ -60,6 +61,7 @@ def test_of_several_files_the_last_one_that_gives_a_parameter_counts(tmp_path):
     assert read(files[::-1], STACK, str(PLANAR_DH), '', None).robot.velocity[0] == 0.5
 
 
+@pytest.mark.slow
 def test_everything_of_a_file_is_read(file):
     given = read([file(FILE)], '', '', '', None)
     assert given.robot.joint_names == ('joint1', 'joint3')
@@ -77,6 +79,7 @@ def test_a_base_starts_where_the_simulator_has_it():
     assert read([CONFIG / 'underwater.yaml'], '', '', '', None).around[2] == -3.0
 
 
+@pytest.mark.slow
 def test_arguments_go_before_the_file(file):
     text = FILE.replace("initial_positions: '{joint2: 0.5}'", 'noise: 0.0')
     given = read([file(text)], STACK.replace('tip', 'top'), str(CONFIG / 'robots/planar_3r.yaml'),
@@ -102,6 +105,7 @@ def test_names_of_nodes_are_found_in_any_namespace(file, name):
     assert node_parameters(path, 'tp_controller') == {'rate': 50.0}
 
 
+@pytest.mark.slow
 def test_equal_weights_are_any_number(file):
     for value in ('[]', '[1.0]'):
         path = file(f'tp_controller:\n  ros__parameters: {{weights: {value}}}\n')
@@ -113,6 +117,7 @@ def test_unknown_parameters_are_named(file):
     assert read([path], STACK, str(PLANAR_DH), '', None).ignored == ('breaking_gain',)
 
 
+@pytest.mark.slow
 def test_all_that_a_node_would_refuse_is_listed(file):
     path = file('tp_controller:\n  ros__parameters: {damping: -1.0}\n')
     stack = '- tip: {type: positon, frame: link3}\n- top: {type: position, frame: link9}\n'
@@ -181,6 +186,7 @@ ROBOT_XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
 """
 
 
+@pytest.mark.slow
 def test_groups_are_those_of_the_controller(file):
     params = file(f'tp_controller: {{ros__parameters: {{robot: {PLANAR_DH}, '
                   'groups: "{first: [joint1, joint2]}"}}')
@@ -190,6 +196,7 @@ def test_groups_are_those_of_the_controller(file):
     assert given.stack.tasks['tip'].joint_mask.tolist() == [True, True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('node', ['tp_controller', 'tp_simulator'])
 def test_a_xacro_has_its_arguments(file, tmp_path, node):
     pytest.importorskip('xacro')

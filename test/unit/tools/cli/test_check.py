@@ -57,6 +57,7 @@ def test_arguments_that_are_not_valid_are_told_from_faults(capsys, arguments, tm
     assert status == 2 and err.startswith('tp_controller: ')
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_missing_is_told_from_one_that_is_wrong(capsys, tmp_path):
     assert run(capsys, GOOD, robot='none.urdf')[0] == 2
     (tmp_path / 'wrong.urdf').write_text('<robot name="r"/>')
@@ -117,6 +118,7 @@ def test_the_page_shows_text_and_no_code():
     assert 'nothing was tried' in text_of(report)
 
 
+@pytest.mark.slow
 def test_a_second_parameter_file_goes_before_the_first(capsys, tmp_path):
     path = tmp_path / 'check.json'
     (tmp_path / 'slow.yaml').write_text('/**: {ros__parameters: {rate: 20.0}}')
@@ -126,6 +128,7 @@ def test_a_second_parameter_file_goes_before_the_first(capsys, tmp_path):
     assert CheckReport.from_json(path.read_text()).rate == 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['demo', 'mobile', 'underwater', 'two_arms'])
 def test_nothing_is_wrong_with_the_demos(capsys, name):
     status = main(['check', '--params-file', str(CONFIG / f'{name}.yaml'), '--samples', '25',
@@ -174,6 +177,7 @@ def test_joints_that_are_driven_can_be_named(capsys, tmp_path):
     assert status == 1 and "'joint9'" in out
 
 
+@pytest.mark.slow
 def test_a_xacro_is_checked_with_its_arguments(capsys, tmp_path):
     pytest.importorskip('xacro')
     path = tmp_path / 'robot.urdf.xacro'

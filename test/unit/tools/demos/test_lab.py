@@ -138,6 +138,7 @@ def test_the_lower_of_two_conflicting_tasks_gives_way(order, error, joint1, q):
     assert motion.q[-1] == pytest.approx(q, abs=5e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('order', ORDERS)
 def test_compatible_tasks_are_both_met_in_either_order(order):
     motion = lab.two_tasks(order, [(0.75, 0.9)])
@@ -228,6 +229,7 @@ def test_a_bound_holds_from_below(measured, passed):
     assert lab.Measurement('speed', 'rad/s', measured, 1.0, 0.0, bound=True).passed is passed
 
 
+@pytest.mark.slow
 def test_the_documented_errors_at_random_goals_are_the_ones_printed(outcomes):
     page = (REPOSITORY / 'docs' / 'lab.md').read_text(encoding='utf-8')
     printed = [line for line in str(outcomes['lab2']).splitlines() if line.startswith('(')]

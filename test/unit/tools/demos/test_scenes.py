@@ -64,6 +64,7 @@ def test_film_shows_the_first_run_with_its_goals(played, name):
     assert film.caption(0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', SCENES)
 def test_documented_figures_are_the_ones_printed(played, name):
     documented = (REPOSITORY / 'docs' / 'lab.md').read_text(encoding='utf-8').splitlines()

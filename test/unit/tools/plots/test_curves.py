@@ -46,6 +46,7 @@ def assert_shows_something(path):
         assert edge.min() > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('log', [False, True])
 def test_errors_are_drawn_in_the_colour_of_their_task(tmp_path, log):
     path = plots.plot_errors(tmp_path / 'new' / 'errors.png', TIMES, ERRORS, changes=[4.0],
@@ -210,6 +211,7 @@ def test_figure_is_as_high_as_the_legend_of_long_causes_needs(tmp_path):
         assert len(picture) - axis[-1] < 70
 
 
+@pytest.mark.slow
 def test_more_causes_than_colours_share_one(tmp_path):
     sets = [(f'cause {int(time)}',) for time in TIMES]
     picture = pixels(plots.plot_errors(tmp_path / 'errors.png', TIMES, ERRORS,
@@ -218,6 +220,7 @@ def test_more_causes_than_colours_share_one(tmp_path):
                for colour in (*drawing.LINE_COLOURS, drawing.GUIDE_COLOUR))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('values', [np.zeros(300), np.full(300, np.nan),
                                     np.where(TIMES < 5.0, np.nan, 1e-12)])
 @pytest.mark.parametrize('log', [False, True])
@@ -226,6 +229,7 @@ def test_errors_that_are_zero_or_missing_can_be_drawn(tmp_path, values, log):
                                              [('tool', 'm', values)], log=log))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('limits, marked', [
     ([1.0, 1.0, 1.0], True), ([1.0, 2.0, 0.5], True), ([1.0, 2.0, np.inf], True),
     ([0.0, 1.0, 1.0], True), ([np.inf, np.inf, np.inf], False)])
@@ -237,6 +241,7 @@ def test_velocity_limits_are_marked_where_there_are_any(tmp_path, limits, marked
     assert (count(pixels(path), drawing.LIMIT_COLOUR, 0.2) > 500) is marked
 
 
+@pytest.mark.slow
 def test_every_joint_has_its_line(tmp_path):
     robot = panda()
     velocities = np.cos(TIMES[:, None] * np.linspace(0.5, 1.5, robot.n))
@@ -260,6 +265,7 @@ def test_positions_are_drawn_in_the_colour_of_their_joint(tmp_path):
         assert count(pixels(path), drawing.LINE_COLOURS[joint]) > 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('height', [0.0, 0.3])
 def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
     points = np.column_stack((np.cos(TIMES), np.sin(TIMES), height * TIMES))
@@ -272,6 +278,7 @@ def test_tool_path_and_goals_are_drawn_flat_and_in_space(tmp_path, height):
     assert shown > hidden + 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('size', [(0.4, 0.4, 1.0), (1.0, 1.0, 1.0), (0.2, 1.0, 1.0),
                                   (1.0, 0.2, 0.2)])
 def test_legend_of_a_path_in_space_covers_no_name_of_an_axis(figures, tmp_path, size):
@@ -286,6 +293,7 @@ def test_legend_of_a_path_in_space_covers_no_name_of_an_axis(figures, tmp_path, 
             assert not legend.overlaps(label.get_window_extent())
 
 
+@pytest.mark.slow
 def test_legend_of_many_joints_is_not_cut_off(tmp_path):
     names = [f'joint{index}' for index in range(18)]
     path = plots.plot_velocities(tmp_path / 'velocities.png', TIMES,
@@ -293,6 +301,7 @@ def test_legend_of_many_joints_is_not_cut_off(tmp_path):
     assert_shows_something(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('samples', [1, 2])
 def test_the_shortest_recordings_can_be_drawn(tmp_path, samples):
     robot, times = planar(), TIMES[:samples]
@@ -311,6 +320,7 @@ def test_a_figure_can_be_drawn_in_another_thread(tmp_path):
     assert_shows_something(tmp_path / 'errors.png')
 
 
+@pytest.mark.slow
 def test_neither_pyplot_nor_the_global_settings_are_touched(tmp_path):
     # In a process of its own: other tests may have loaded pyplot.
     code = """

@@ -169,6 +169,7 @@ def test_nonsense_is_counted_and_the_rest_is_told(tmp_path):
     assert '2 messages of /parameter_events could not be read' in bag.remarks
 
 
+@pytest.mark.slow
 def test_a_long_recording_has_no_more_moments_than_a_short_one(tmp_path):
     path = recordings.write(tmp_path / 'run', (
         (step / 25.0, '/joint_states', recordings.joint_state((step, 0.0, 0.0)))

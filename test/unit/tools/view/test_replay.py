@@ -52,6 +52,7 @@ def content(page):
     return told['durationSeconds'], told['messages']
 
 
+@pytest.mark.slow
 def test_the_replay_lasts_as_long_as_the_run_and_moves_the_links(history, capsys):
     from tp_controller.tools.view.replay import replay_page
     robot = robot_of(history)

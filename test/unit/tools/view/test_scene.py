@@ -108,6 +108,7 @@ def test_only_links_that_moved_are_sent_again(stage):
     assert moved and set(moved) <= {'panda_link7', 'panda_link8', 'panda_hand', 'panda_hand_tcp'}
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_removed_leaves_nothing_behind(stage):
     before = set(stage._handle_from_node_name)
     scene.RobotScene(stage, robots.panda()).remove()
@@ -392,6 +393,7 @@ def test_ground_stays_at_the_base_of_a_robot_that_is_fixed_there(stage, name):
     assert shown.ground() == pytest.approx(0.0, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_ground_stays_at_the_base_of_an_arm_that_reaches_below_it(stage):
     base = '<visual><origin xyz="0 0 0.15"/><geometry><box size="1 1 0.3"/></geometry></visual>'
     beam = '<visual><geometry><box size="0.1 0.1 2"/></geometry></visual>'

@@ -170,6 +170,7 @@ def unguarded(monkeypatch, **methods):
         monkeypatch.setattr(Guard, name, method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('methods, fault', [
     ({'_process': lambda self, connection, request: self._answer(connection, request)},
      'another site is allowed; .*another port .*another name .*X-Frame-Options is not sent'),
