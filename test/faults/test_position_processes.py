@@ -17,9 +17,9 @@ from trajectory_msgs.msg import JointTrajectory
 __all__ = ['heads', 'replaced']
 # [rad/s²], as `LIMITED` has it, and the velocity limit of the planar arm [rad/s].
 ACCELERATION, VELOCITY = 2.0, 1.0
-# Between two commands of a stop, by far, unless a busy machine holds the controller up [s]:
+# Between two commands of a stop, by far, unless a busy machine delays the controller [s]:
 # `outputs.LONGEST_SILENCE`, after which joints stop at once, less the time to send a command.
-HELD_UP = 0.02
+LATE = 0.02
 
 
 class Positions:
@@ -45,10 +45,10 @@ class Positions:
         """Take the time of a status."""
         self._told = 1e-9 * info['source_timestamp']
 
-    def held_up(self, begin):
-        """Return whether the controller was held up between a time and its last status."""
+    def late(self, begin):
+        """Return whether the controller was delayed between a time and its last status."""
         times = [sent for sent, _ in self.sent if sent > begin]
-        return np.diff([*times, self._told]).max() > HELD_UP
+        return np.diff([*times, self._told]).max() > LATE
 
     def since(self, begin):
         """Return the positions that were sent after a time."""
@@ -103,7 +103,7 @@ def test_a_signal_is_answered_by_braking_and_told(moving, listener, positions, h
     listener.catch_up()
     last = np.array(positions.since(begin)[-3:])
     # From 1 rad/s it takes 0.5 s and 0.25 rad, but for cycles that a busy machine has lost.
-    assert np.ptp(last, axis=0).max() < 1e-3 or positions.held_up(begin)
+    assert np.ptp(last, axis=0).max() < 1e-3 or positions.late(begin)
     assert np.abs(last[-1] - positions.since(begin - 0.05)[0]).max() < 0.5
     positions.arrives()
     positions.check()
