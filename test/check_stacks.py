@@ -250,8 +250,8 @@ SOUND = [
     shipped('', 'bounds'),
     shipped('', 'camera'),
     shipped('', 'mobile'),
-    shipped('', 'underwater', runs=4),
-    shipped('', 'two_arms', runs=2),
+    shipped('', 'underwater'),
+    shipped('', 'two_arms'),
     *(shipped('', f'robots/{name}_parameters') for name in ('ur5e', 'fr3', 'gen3', 'xarm7')),
     *(shipped('', f'robots/{name}_parameters', f'robots/{name}_first', seconds=60.0, runs=3)
       for name in ('ur5e', 'fr3', 'gen3', 'xarm7')),

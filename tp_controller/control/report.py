@@ -65,6 +65,9 @@ class Report:
     @property
     def active_bounds(self) -> frozenset[str]:
         """Return the names of the inequality tasks whose bounds limit a level, or themselves."""
+        if not any(task.bounded for group in self._solved.tasks for task in group):
+            # Evaluations and solution need not be decoded.
+            return frozenset()
         return active_bounds(self._solved.evaluations, self._solution)
 
     @property

@@ -4,7 +4,7 @@
 """Closed loop without ROS, from a random start to random reachable goals."""
 
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 import math
@@ -19,15 +19,14 @@ from tp_controller.model.spatial import Array
 from tp_controller.tasks.stack import Stack
 from tp_controller.tools.check.extremes import Extremes, Worst
 from tp_controller.tools.check.results import COMBINED, STILL_MOVING, UNREACHABLE
-from tp_controller.tools.check.sampling import moved_from, random_configuration
+from tp_controller.tools.check.sampling import random_configuration
 from tp_controller.tools.check.setup import Setup
+from tp_controller.tools.check.valid_configurations import goal_configuration, ValidConfigurations
 
 # Interval between reports [s]: a report takes as long as the cycle itself.
 REPORT_INTERVAL = 0.05
 # Speed [rad/s or m/s] below which, for this time [s], a robot counts as at rest.
 ROBOT_REST_SPEED, REST_SECONDS = 3e-4, 1.0
-# Longest time to move from a configuration to one that satisfies the stack [s].
-SETTLE_SECONDS = 10.0
 # Time for which all tasks have to be at their goals before a run ends [s].
 REACHED_SECONDS = 0.2
 # Outcomes of a run.
@@ -222,56 +221,15 @@ def closed_loop(setup: Setup, numbered: tuple[int, np.random.SeedSequence]) -> R
     number, seed = numbered
     random = np.random.default_rng(seed)
     try:
-        start, _ = _valid_configuration(setup, partial(
-            random_configuration, setup.robot, random, setup.around))
+        valid = ValidConfigurations(setup)
+        start, _ = valid.near(partial(random_configuration, setup.robot, random, setup.around))
         far = random.uniform()
-        goals, possible = _valid_configuration(setup, partial(
-            _goal_configuration, setup, random, start, far))
+        goals, possible = valid.near(partial(goal_configuration, setup, random, start, far))
         return _run(setup, number, start, goals, far, possible)
     except TpControllerError as error:
         fault = (getattr(error, 'task', ''), getattr(error, 'reason', in_words(error)))
         return Run(FAILED, 0.0, 0, 0.0, {}, {},
                    Extremes(setup.robot, setup.period, number).worst(), fault)
-
-
-def _goal_configuration(setup: Setup, random: np.random.Generator, start: Array,
-                        far: float) -> Array:
-    """Return a random configuration (nq,); joints that no task may move are as at the start."""
-    q = random_configuration(setup.robot, random, start, far)
-    masks = [task.joint_mask for task in setup.stack.active_tasks if not task.bounded]
-    chosen = [mask for mask in masks if mask is not None]
-    if not chosen or len(chosen) < len(masks):
-        return q
-    return moved_from(setup.robot, start, q, np.any(chosen, axis=0))
-
-
-def _valid_configuration(setup: Setup, draw: Callable[[], Array]
-                         ) -> tuple[Array, dict[str, bool]]:
-    """
-    Return the best configuration for bounds and goals of the stack, and {task: satisfied}.
-
-    A closed loop moves there from a configuration that is drawn, with the values of the other
-    tasks at that configuration as default goals.
-    """
-    found: list[tuple[Array, dict[str, bool]]] = []
-    while not found or len(found) < setup.tries and not all(found[-1][1].values()):
-        stack = setup.stack.copy()
-        given = [task for task in stack.active_tasks if task.bounded or task.goal is not None]
-        loop = Loop.at(setup, draw(), stack)
-        if given:
-            # Goals of other tasks match a goal of the stack only as well as the latter is reached.
-            loop.run(min(SETTLE_SECONDS, setup.seconds), {task.name for task in given},
-                     all(task.bounded for task in given))
-        found.append((loop.simulator.q.copy(), {
-            task.name: loop.since[task.name] < math.inf for task in given
-            if task.name in loop.since}))
-    return max(found, key=lambda each: _score(setup, each[1]))
-
-
-def _score(setup: Setup, reached: dict[str, bool]) -> tuple[int, int]:
-    """Return the score of a configuration: satisfied bounds count before goals."""
-    bounded = [ok for name, ok in reached.items() if setup.stack.tasks[name].bounded]
-    return sum(bounded), sum(reached.values())
 
 
 def _run(setup: Setup, number: int, start: Array, goals: Array, far: float,
