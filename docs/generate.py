@@ -102,6 +102,8 @@ TOPICS = {
     '~/start': 'move again; tasks without a goal take their current value as the goal',
     '~/solve_position': 'where the goals in force lead, without a motion ([inverse kinematics]'
                         '(docs/ik.md)); configuration and reasons as JSON',
+    '~/lock': '[lock](docs/ros.md#locked-joints) the joint that has stopped the robot, and go on '
+              '(true), or unlock all (false)',
     '~/reload': 'read the stack file again; one with faults changes nothing',
     '~/<task>/enable': 'enable (true) or disable (false) a task',
     '/clock': 'simulated time, with `publish_clock`',
@@ -164,6 +166,7 @@ STATUS = {
     'lead': 'with [positions](docs/ros.md#positions-in-place-of-velocities): largest distance '
             'of a joint from its commanded position, as a share of the one allowed',
     'ignored description': 'what to do about another `robot_description` that has arrived',
+    'not following': 'joint that has stopped the robot as it does not follow',
     'other publishers': 'other nodes that publish the same commands',
     'listeners': 'other nodes that listen to the commands, besides watchdogs',
     'watchdogs': 'watchdogs that do',

@@ -139,6 +139,29 @@ def test_joint_that_does_not_follow_stops_the_robot_by_default(monkeypatch, outp
 
 
 @pytest.mark.parametrize('output', OUTPUTS)
+def test_others_go_on_after_a_stop_for_a_joint_that_is_locked_then(monkeypatch, output):
+    world, goal = make_world(monkeypatch, output=output)
+    world.run(0.1)
+    ideal = failing(world, 0)
+    assert world.run(NOTICED[output] + 0.1, until=world.stopped)
+    assert world.loop.stops.joint == NAMES[0]
+    world.run(0.5)
+    # As the service does it.
+    world.controller.lock([NAMES[0]], world.now)
+    world.loop.restart()
+    assert world.loop.stops.joint == ''
+    assert world.run(15.0, until=lambda: distance(world, goal) < 2e-3)
+    world.plant = ideal
+    world.controller.unlock([NAMES[0]], world.now)
+    stood = world.q[0]
+    world.controller.set_goal('tool', goal - [0.1, 0.6, 0.0], world.now)
+    world.run(3.0)
+    assert abs(world.q[0] - stood) > 0.1
+    assert not world.stopped() and len(world.told) <= 2
+    check(world)
+
+
+@pytest.mark.parametrize('output', OUTPUTS)
 @pytest.mark.parametrize('joints', [range(7), (0, 1), (0, 3), (0, 1, 2, 3)])
 def test_several_joints_that_do_not_follow_stop_the_robot(monkeypatch, joints, output):
     world, _ = make_world(monkeypatch, output=output, **LOCKING)

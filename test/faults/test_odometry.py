@@ -180,6 +180,7 @@ def test_a_base_that_does_not_follow_is_stopped_until_a_start(monkeypatch, fault
     fault(world)
     assert world.run(FOLLOWS, until=world.stopped)
     assert 'base_x does not follow' in world.stopped() and not world.twist.any()
+    assert world.loop.stops.joint == 'base_x'
     assert 'call ~/start to go on' in world.stopped()
 
 

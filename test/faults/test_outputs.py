@@ -316,6 +316,7 @@ def test_a_joint_that_does_not_come_to_its_positions_stops_the_robot(monkeypatch
     assert world.run(COMES, until=world.stopped)
     assert 'panda_joint4 does not follow: 0.' in world.stopped()
     assert 'away from its commanded position for 1 s' in world.stopped()
+    assert world.loop.stops.joint == 'panda_joint4'
 
 
 @pytest.mark.parametrize('rate', [100.0, 1000.0])

@@ -254,7 +254,8 @@ def test_a_robot_that_was_moved_outside_while_stopped_is_not_moved(monkeypatch):
     world.run(1.5)
     there = world.q.copy()
     world.loop.measurements.joints.forget()
-    world.loop.stops.latched, world.loop.hold = '', ''
+    world.loop.stops.clear()
+    world.loop.hold = ''
     world.run(1.0)
     assert (world.q == there).all() and 'wrong unit or offset?' in world.stopped()
 

@@ -44,6 +44,7 @@ class Storm:
                           (node, JointState, 'swing/goal'), (node, TwistStamped, 'tip/twist'))]
         self.switches = [node.create_client(SetBool, f'/tp_controller/{task}/enable')
                          for task in ('tip', 'swing')]
+        self.switches.append(node.create_client(SetBool, '/tp_controller/lock'))
         self.buttons = [node.create_client(Trigger, f'/tp_controller/{name}')
                         for name in ('stop', 'start', 'start', 'reload')]
         self.knobs = node.create_client(SetParameters, '/tp_controller/set_parameters')
@@ -101,7 +102,7 @@ class Storm:
             self.random.bytes(int(self.random.integers(80))))
 
     def throw_switch(self):
-        """Enable or disable a task."""
+        """Enable or disable a task, lock or unlock joints."""
         self.pick(self.switches).call_async(SetBool.Request(data=bool(self.random.integers(2))))
 
     def press_button(self):

@@ -24,6 +24,7 @@ from tp_controller.model.robot import Robot
 from tp_controller.ros.declarations.controller import PARAMETERS
 from tp_controller.ros.interface.controlled_robot import ControlledRobot, log_remarks
 from tp_controller.ros.interface.limit_parameters import LimitParameters, robot_from
+from tp_controller.ros.interface.lock_service import LockService
 from tp_controller.ros.interface.namesakes import Namesakes
 from tp_controller.ros.interface.reporter import Reporter
 from tp_controller.ros.interface.settings_parameters import settings_from
@@ -89,6 +90,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         self.loop_node.create_service(Trigger, self.resolve_service_name('~/stop'), self._on_stop)
         for name, callback in (('start', self._on_start), ('reload', self._on_reload)):
             self.create_service(Trigger, f'~/{name}', callback)
+        LockService(self, lambda: self._robot, lambda: self._reporter.reason)
         accept_numbers(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -343,8 +345,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
         """Read the stack file again; a file with faults leaves the stack unchanged."""
         robot = self._robot
         if robot is None:
-            response.success = False
-            response.message = NO_ROBOT if self._configured else NOT_CONFIGURED
+            response.success, response.message = False, self._reporter.reason
             return response
         try:
             robot.use_stack(robot.read_stack(self._values['stack']), self._settings)

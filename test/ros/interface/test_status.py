@@ -52,8 +52,8 @@ def test_the_status_has_the_node_first_and_then_every_task_by_priority(harness):
         'scale', 'limiting', 'locked', 'cycles', 'rate [Hz]', 'cycle median [ms]',
         'cycle p99 [ms]', 'cycle max [ms]', 'state to command median [ms]',
         'state to command p99 [ms]', 'state to command max [ms]', 'overruns', 'stalls',
-        'missed deadlines', 'other publishers', 'listeners', 'watchdogs', 'lead',
-        'ignored description', 'solver', 'cycles left to Python']
+        'missed deadlines', 'not following', 'other publishers', 'listeners', 'watchdogs',
+        'lead', 'ignored description', 'solver', 'cycles left to Python']
     assert message.status[0].level == OK
     assert message.header.stamp.sec > 0
 

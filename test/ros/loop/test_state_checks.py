@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
 from tp_controller.ros.loop.state_checks import FollowCheck, Following, LimitCheck, StampAge
-from tp_controller.ros.loop.stop_reasons import Stops
+from tp_controller.ros.loop.stop_reasons import MOST_LATCHED, Stops
 
 LIMIT = 0.1
 SEEDS = range(20)
@@ -219,8 +219,28 @@ def test_what_latches_stops_until_it_is_taken_back():
     stops.latch('joint2 jumped')
     assert stops.reason('', 0.0) == 'joint1 jumped; call ~/start to go on'
     assert stops.reason('', 1e6)
-    stops.latched = ''
+    stops.clear()
     assert stops.reason('', 2e6) == ''
+
+
+def test_first_fault_can_be_taken_back_alone_and_names_its_joint():
+    stops = Stops(0.5)
+    stops.latch('joint1 does not follow', joint='joint1')
+    for _ in range(20):
+        stops.latch('joint2 jumped', joint='')
+    assert (stops.joint, stops.further) == ('joint1', 'joint2 jumped')
+    assert stops.reason('', 0.0) == ('joint1 does not follow; call ~/start to go on, or ~/lock to '
+                                     'go on without it')
+    stops.clear_first()
+    assert stops.reason('', 0.0) == 'joint2 jumped; call ~/start to go on'
+    assert (stops.joint, stops.further) == ('', '')
+    # As faults that others cause, each with another text.
+    for number in range(1000):
+        stops.latch(f'node {number} publishes')
+    for _ in range(MOST_LATCHED):
+        assert stops.latched
+        stops.clear_first()
+    assert not stops.latched
 
 
 def test_an_interruption_is_told_and_not_what_it_brings_with_it():

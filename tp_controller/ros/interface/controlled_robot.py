@@ -124,9 +124,38 @@ class ControlledRobot:
             self.loop.restart()
         self._competitors.restart()
 
+    def go_on(self) -> str:
+        """
+        Resume after a stop for a joint that is locked now.
+
+        Returns
+        -------
+        str
+            Reason for which the robot does not move all the same, or empty.
+
+        """
+        loop, stops = self.loop, self.loop.stops
+        # As in the next cycle: a locked joint may be outside its position limits.
+        loop.checks.ignore(self.controller.locked)
+        lasting = self.lasting() if loop.active else ''
+        if not lasting and stops.further:
+            stops.clear_first()
+            lasting = stops.latched
+        if lasting:
+            return f'{lasting}; call ~/start to go on'
+        try:
+            self.restart(True)
+        except EvaluationError as error:
+            return str(error)
+        return loop.hold
+
+    def note_locks(self) -> None:
+        """Add the locks of the loop to the parameter."""
+        self._locks.look()
+
     def look(self) -> None:
         """Check for nodes that publish or receive commands, or allow motion, and for locks."""
-        self._locks.look()
+        self.note_locks()
         self.loop.permits.look(self._node, self._log)
         self._competitors.look()
 

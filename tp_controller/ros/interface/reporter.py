@@ -188,6 +188,7 @@ class Reporter:
         loop = self._loop
         if loop is not None:
             loop.figures.lead = loop.commands.output.lead
+            loop.figures.not_following = loop.stops.joint
         figures = (loop.figures if loop else Figures(math.inf)).as_text()
         self._wait()
         return diagnostics(self._node.get_clock().now().to_msg(), self._name, reason, report,

@@ -236,6 +236,11 @@ class MovingBase:
         """Return the fault of an axis that does not follow velocities (n,) now, if any."""
         return self._follow.check(self._check.travel, velocity[self._columns], now)
 
+    @property
+    def failing(self) -> str:
+        """Return the axis of the last fault of `follows`."""
+        return self._follow.joint
+
     def rest(self) -> None:
         """Restart the check of motion: the next motion begins from rest."""
         self._follow.forget()
@@ -285,7 +290,7 @@ class FixedBase:
         """Return an empty list."""
         return []
 
-    contradiction = ''
+    contradiction = failing = ''
 
     def waiting(self) -> Iterator[Odometry]:
         """Return an empty iterator."""

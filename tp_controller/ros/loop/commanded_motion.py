@@ -94,7 +94,8 @@ class CommandedMotion:
         if not commands.publish(velocity, cycle.noted, cycle.latest,
                                 Moment(cycle.robot_time, q, self._permits.speed)):
             return False
-        self._stops.latch(self._checks.fault(q, velocity, commands.output, cycle.robot_time))
+        fault = self._checks.fault(q, velocity, commands.output, cycle.robot_time)
+        self._stops.latch(fault, joint=self._checks.failing)
         return True
 
     def begin(self) -> None:

@@ -175,7 +175,7 @@ class ControlLoop:
         self._controller.restart()
         self.measurements.forget()
         self.checks.forget()
-        self.stops.latched = ''
+        self.stops.clear()
 
     # Inputs -------------------------------------------------------------------------------
 

@@ -36,6 +36,8 @@ class Figures:
     lead : float
         Largest distance of commanded from measured positions, relative to the largest allowed
         one; NaN if no positions are commanded.
+    not_following : str
+        Joint that has stopped the robot as it does not follow, or empty.
     ignored_description : str
         Hint about a received robot description that is not in use, or empty.
 
@@ -46,7 +48,7 @@ class Figures:
         self.cycles = self.overruns = self.stalls = self.missed_deadlines = 0
         self.other_publishers = self.listeners = self.watchdogs = 0
         self.lead = np.nan
-        self.ignored_description = ''
+        self.not_following = self.ignored_description = ''
         # Start, duration, and time from a joint state to its command, of the last cycles.
         self._times = [(np.nan, np.nan, np.nan)] * CYCLES
         self._last_start = np.inf
@@ -71,6 +73,7 @@ class Figures:
                 **_milliseconds('cycle', took), **_milliseconds('state to command', latency),
                 'overruns': str(self.overruns), 'stalls': str(self.stalls),
                 'missed deadlines': str(self.missed_deadlines),
+                'not following': self.not_following,
                 'other publishers': str(self.other_publishers),
                 'listeners': str(self.listeners), 'watchdogs': str(self.watchdogs),
                 'lead': f'{self.lead:.3g}', 'ignored description': self.ignored_description,

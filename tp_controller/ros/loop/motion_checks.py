@@ -50,6 +50,8 @@ class MotionChecks:
     limits : LimitCheck
     ignored : ndarray (m,) of bool
         Driven joints that no check counts: they are locked.
+    failing : str
+        Joint, or axis of the base, that the last fault is about if it does not follow; else empty.
     follow : FollowCheck
         Check of the driven joints.
     lead : LeadCheck
@@ -65,6 +67,7 @@ class MotionChecks:
         self._window, self._locked_at = values['follow_window'], -math.inf
         self._base, self._names = base, robot.joint_names
         self._locked: frozenset[str] = frozenset()
+        self.failing = ''
         self.ignored = np.zeros(len(robot.joint_names), dtype=bool)
         self.limits = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows],
                                  values['limit_tolerance'])
@@ -108,16 +111,22 @@ class MotionChecks:
             Time on the clock of the robot [s].
 
         """
-        return self.limits.passed(q) \
+        self.failing = ''
+        fault = self.limits.passed(q) \
             or self._unless_locked(self.follow, self.follow.check(q, _carried_out(output), now),
                                    now) \
-            or self._unless_locked(self.lead, self.lead.check(output, now), now) \
-            or self._base.follows(velocity, now)
+            or self._unless_locked(self.lead, self.lead.check(output, now), now)
+        if fault:
+            return fault
+        fault = self._base.follows(velocity, now)
+        self.failing = self._base.failing if fault else ''
+        return fault
 
     def _unless_locked(self, check: 'FollowCheck | LeadCheck', fault: str, now: float) -> str:
         """Return the fault of a joint; empty if it is locked instead."""
         if not fault or self.on_not_following != LOCK or not check.failed \
                 or now - self._locked_at < SECOND_FAULT * self._window:
+            self.failing = check.joint if fault else ''
             return fault
         self._locked_at = now
         self._lock(check.failed, fault)
@@ -142,9 +151,10 @@ class LeadCheck:
     ----------
     ignored : ndarray (n,) of bool
         Joints that are not checked.
+    joint : str
+        Joint of the last fault.
     failed : str
-        Joint of the last fault if all others, and one that moved, are at their positions; else
-        empty.
+        The same if all others, and one that moved, are at their positions; else empty.
 
     """
 
@@ -157,7 +167,8 @@ class LeadCheck:
         """Restart the check."""
         self._since = np.full(len(self._names), math.inf)
         # Largest recent speeds [rad/s or m/s], fading, and their time [s].
-        self._speeds, self._last, self.failed = np.zeros(len(self._names)), math.inf, ''
+        self._speeds, self._last = np.zeros(len(self._names)), math.inf
+        self.joint = self.failed = ''
 
     def check(self, output: VelocityOutput, now: float) -> str:
         """
@@ -186,8 +197,9 @@ class LeadCheck:
         joint = int(np.argmax(behind))
         alone = np.count_nonzero(np.isfinite(self._since)) == 1 \
             and (np.delete(self._speeds, joint) > MOVED_SPEED).any()
-        self.failed = self._names[joint] if alone else ''
-        return (f'{self._names[joint]} does not follow: {abs(ahead[joint]):.2g} away from its '
+        self.joint = self._names[joint]
+        self.failed = self.joint if alone else ''
+        return (f'{self.joint} does not follow: {abs(ahead[joint]):.2g} away from its '
                 f'commanded position for {window:g} s')
 
 

@@ -322,8 +322,10 @@ class FollowCheck:
     ----------
     ignored : ndarray (n,) of bool
         Joints that are not checked.
+    joint : str
+        Joint of the last fault.
     failed : str
-        Joint of the last fault if it alone stood still, while another one followed; else empty.
+        The same if it alone stood still, while another one followed; else empty.
 
     """
 
@@ -344,7 +346,8 @@ class FollowCheck:
         # commanded, and times.
         self._moved, self._demanded = np.zeros((most, n)), np.zeros((most, n))
         self._sampled_at = np.zeros(most)
-        self._count, self._last_q, self.failed = 0, np.zeros(n), ''
+        self._count, self._last_q = 0, np.zeros(n)
+        self.joint = self.failed = ''
         # Commands since the last sample, and the times from which they are in force.
         self._velocities: list[Array] = []
         self._times: list[float] = []
@@ -405,8 +408,9 @@ class FollowCheck:
             wrong = self._deviating(moved, demanded)
             if wrong.any():
                 joint = int(np.argmax(wrong))
+                self.joint = self._names[joint]
                 passed = self._sampled_at[-1] - self._sampled_at[-1 - length]
-                return (f'{self._names[joint]} does not follow: commanded to move by '
+                return (f'{self.joint} does not follow: commanded to move by '
                         f'{demanded[-1][joint]:.2g}, moved by {moved[joint]:.2g} '
                         f'in {passed:.2g} s')
         return ''
