@@ -150,6 +150,10 @@ class Link:
         """Return whether the stop service of the controller is available."""
         return self.client.service(Trigger, 'stop').service_is_ready()
 
+    def status_value(self, key: str) -> str:
+        """Return a value of the controller in a recent status; empty without one."""
+        return self._status.values.get(key, '') if self._status and self.present else ''
+
     # Requests of the page -------------------------------------------------------------------
 
     def stop(self, told: OnAnswer) -> None:
@@ -159,6 +163,10 @@ class Link:
     def start(self, told: OnAnswer) -> None:
         """Start the robot."""
         self._request(Trigger, 'start', Trigger.Request(), told)
+
+    def lock(self, locked: bool, told: OnAnswer) -> None:
+        """Lock the joint that has stopped the robot and go on, or unlock all joints."""
+        self._request(SetBool, 'lock', SetBool.Request(data=locked), told)
 
     def enable(self, task: str, enabled: bool, told: OnAnswer) -> None:
         """Enable or disable a task of the stack."""

@@ -21,12 +21,13 @@ from tp_controller.tools.view.draggables import draggables_of, Topics
 from tp_controller.tools.view.gizmos import Gizmos
 from tp_controller.tools.view.joint_sliders import JointSliders
 from tp_controller.tools.view.link import Link
+from tp_controller.tools.view.lock_panel import LockPanel
 from tp_controller.tools.view.markers import MarkerScene
 from tp_controller.tools.view.plots import Plots, Sample
 from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip, Trail
 from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
-from tp_controller.tools.view.status import BAD, Condition, ConditionReader
+from tp_controller.tools.view.status import BAD, Condition, ConditionReader, Row
 from tp_controller.untrusted.texts import plain
 import viser
 from visualization_msgs.msg import Marker
@@ -65,6 +66,7 @@ class Page:
     ----------
     stack : StackPanel
     stop_button, start_button : viser.GuiButtonHandle
+    locks : LockPanel
     state_text : viser.GuiHtmlHandle
         State of the controller.
     notice : Notice
@@ -103,8 +105,9 @@ class Page:
         self._add_tabs(gui)
 
     def _add_tabs(self, gui: viser.GuiApi) -> None:
-        """Add the tabs below the buttons."""
+        """Add the buttons of locks and the tabs below the others."""
         link, later = self.link, self._later
+        self.locks = LockPanel(gui, lambda on: later(lambda: link.lock(on, self.notice.answer)))
         tabs = gui.add_tab_group()
         with tabs.add_tab('Stack', viser.Icon.LIST_NUMBERS):
             self.stack = StackPanel(
@@ -167,6 +170,7 @@ class Page:
         self._concluded = True
         self.notice.clear()
         self.stop_button.visible = self.start_button.visible = False
+        self.locks.show('', '')
         self.state_text.content = (
             f'<div data-state="{escape(title)}" style="padding:4px 12px"><b>{escape(title)}</b>'
             '<div style="white-space:pre-wrap;font-size:0.85em;padding-top:4px">'
@@ -302,7 +306,7 @@ class Page:
         self.stack.show(link.rows, link.gains(), link.present)
         self._show_refusals()
         if link.robot is not None and self._robot is not None:
-            self.joints.show(link.robot, link.q, self._joint_tasks())
+            self.joints.show(link.robot, link.q, _joint_tasks(link.rows))
             self.plots.add(now, Sample(link.rows, link.robot, self._robot.state, link.velocity,
                                        self.frame.value))
 
@@ -311,6 +315,7 @@ class Page:
         link = self.link
         self._show_condition()
         self.start_button.disabled = not self._condition.waits
+        self.locks.show(link.status_value('not following'), link.status_value('locked'))
         self.stop_button.disabled = not link.present and not link.reachable
         self.notice.expire(now)
 
@@ -342,12 +347,6 @@ class Page:
                 self._show_answer(False, f'goal for task {row.name} refused: {row.refusal}')
             self._refused[row.name] = row.refused
 
-    def _joint_tasks(self) -> list[str]:
-        """Return the tasks with joint positions as goals."""
-        kinds = task_types()
-        return [row.name for row in self.link.rows
-                if row.kind in kinds and kinds[row.kind].goal_type == 'joints']
-
 
 class Notice:
     """
@@ -377,6 +376,13 @@ class Notice:
         """Show a remark of a kind."""
         self._show(kind, text, REMARK_COLOURS)
 
+    def answer(self, worked: bool, text: str) -> None:
+        """Show the message of an answer, as a refusal unless it worked."""
+        if worked:
+            self.remark('answer', plain(text))
+        else:
+            self.refuse(text)
+
     def clear(self) -> None:
         """Clear the notice."""
         if self._until:
@@ -394,3 +400,10 @@ class Notice:
         self._html.content = (
             f'<div data-notice="{kind}" style="margin:4px 12px;padding:6px 10px;border-radius:4px;'
             f'background:{colours};font-size:0.9em">{escape(text)}</div>')
+
+
+def _joint_tasks(rows: Sequence[Row]) -> list[str]:
+    """Return the tasks with joint positions as goals."""
+    kinds = task_types()
+    return [row.name for row in rows
+            if row.kind in kinds and kinds[row.kind].goal_type == 'joints']

@@ -212,6 +212,33 @@ def test_stop_stops_and_start_goes_on(rig):
     assert rig.page.start_button.disabled
 
 
+def test_joint_that_has_stopped_the_robot_is_locked_and_unlocked(rig):
+    lock, unlock = rig.page.locks.lock_button, rig.page.locks.unlock_button
+    assert not lock.visible and not unlock.visible
+    rig.controller._robot.loop.stops.latch('joint2 does not follow: made up', joint='joint2')
+    rig.spin_until(lambda: lock.visible and 'joint2 does not follow' in
+                   rig.page.state_text.content, 'the stop')
+    assert lock.label == 'Lock joint2 and go on' and not unlock.visible
+    act(lock)
+    rig.spin_until(lambda: unlock.visible and rig.link.running, 'the lock')
+    assert unlock.label == 'Unlock joint2' and not lock.visible
+    assert list(rig.controller._robot.controller.locked) == ['joint2']
+    assert 'locked joint2, the others go on' in rig.page.notice.content
+    act(unlock)
+    rig.spin_until(lambda: not unlock.visible, 'the joint unlocked')
+    assert not rig.controller._robot.controller.locked
+
+
+def test_lock_that_is_refused_is_said_with_its_reason_and_a_controller_that_is_gone_has_none(rig):
+    act(rig.page.locks.lock_button)
+    rig.spin_until(lambda: 'nothing locked: no joint' in rig.page.notice.content, 'the reason')
+    rig.link.set_parameters({'locked_joints': ['joint1', 'joint3']}, rig.page._show_answer)
+    rig.spin_until(lambda: rig.page.locks.unlock_button.visible, 'the locks')
+    assert rig.page.locks.unlock_button.label == 'Unlock joint1, joint3'
+    rig.harness.remove(rig.controller)
+    rig.spin_until(lambda: not rig.page.locks.unlock_button.visible, 'the end')
+
+
 def test_task_that_is_switched_off_leaves_the_stack_and_comes_back(rig):
     row = rig.page.stack.rows['slow']
     act(row.enabled, False)
