@@ -29,7 +29,7 @@ def setup_of(*lines, tries=3):
 
 
 def tip(setup, q):
-    """Return the position of the tip (2,)."""
+    """Return where the tip is (2,) [m]."""
     return setup.robot.state(q).position('link3')[:2]
 
 
