@@ -354,6 +354,8 @@ def _checked_times(times: ArrayLike, count: int, what: str) -> Array:
     late = np.flatnonzero(np.diff(found) <= 0.0)
     if len(late):
         index = int(late[0])
-        raise GoalError(f'{what}: times must increase, but {found[index + 1]:g} s follows '
-                        f'{found[index]:g} s (value {index + 2} of {count})')
+        earlier = found[index] - found[index + 1]
+        raise GoalError(f'{what}: times must increase, but value {index + 2} of {count} is '
+                        + (f'{earlier:.3g} s before' if earlier else 'at the same time as')
+                        + f' value {index + 1}')
     return found

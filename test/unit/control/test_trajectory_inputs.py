@@ -366,7 +366,10 @@ def test_feed_forward_is_refused_while_a_trajectory_runs():
     (('tool', [1.0, 2.0], circle([1.0])), 'a time for each of its 1 values'),
     (('tool', ['a'], circle([1.0])), 'times must be numbers'),
     (('tool', [math.nan], circle([1.0])), 'times must be finite'),
-    (('tool', [2.0, 2.0], circle([1.0, 2.0])), 'must increase, but 2 s follows 2 s .value 2 of 2'),
+    (('tool', [2.0, 2.0], circle([1.0, 2.0])),
+     'must increase, but value 2 of 2 is at the same time as value 1'),
+    # Times since the start of the computer.
+    (('tool', [1e6, 1e6 - 0.5], circle([1.0, 2.0])), 'value 2 of 2 is 0.5 s before value 1'),
     (('tool', [2.0, 3.0], [circle([1.0])[0], [1.0]]), 'value 2 of 2: the goal of task'),
     (('tool', [0.001], circle([1.0])), 'ended 0.009 s ago'),
     (('tool', None, circle([1.0])), 'needs times or a speed'),
