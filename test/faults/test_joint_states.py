@@ -271,18 +271,19 @@ def test_joint_states_that_cannot_be_believed_stop_the_robot(monkeypatch, fault,
     check(world, fault.beyond)
 
 
-def test_after_a_clock_that_was_set_the_robot_goes_on(monkeypatch):
+@pytest.mark.parametrize('output', OUTPUTS)
+def test_after_a_clock_that_was_set_the_robot_goes_on(monkeypatch, output):
     random = np.random.default_rng(0)
-    world = make_world(monkeypatch, random)
+    world = make_world(monkeypatch, random, output=output)
     world.report = lambda world: [world.state(world.q, world.now - 3600.0)]
     assert world.run(0.2, until=world.stopped)
     assert world.run(3.0, until=world.moving)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_joint_states_that_stay_late_by_the_same_time_move_nothing(monkeypatch, seed):
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 2))
+def test_joint_states_that_stay_late_by_the_same_time_move_nothing(monkeypatch, output, seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2], output=output)
     waiting, delay = [], round(random.uniform(0.15, 0.6) / STATE_PERIOD)
 
     def report(world):
@@ -300,19 +301,20 @@ def test_joint_states_that_stay_late_by_the_same_time_move_nothing(monkeypatch, 
     check(world, FAULTS[0].beyond)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 1))
 @pytest.mark.parametrize('fault', [frozen, replayed, old, ahead, late],
                          ids=lambda fault: fault.__name__)
-def test_a_fault_that_lasts_is_logged_once_a_second_however_old_it_gets(monkeypatch, fault, seed):
-    random = np.random.default_rng(seed)
-    world, lines = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2]), []
+def test_a_fault_that_lasts_is_logged_once_a_second_however_old_it_gets(monkeypatch, fault, output,
+                                                                        seed):
+    random, lines = np.random.default_rng(seed), []
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2], output=output)
     logger = SimpleNamespace(warning=lines.append, info=lambda text: None)
     world.loop._log = world.loop.measurements._log = log = Log(logger)
     monkeypatch.setattr('tp_controller.ros.log.time',
                         SimpleNamespace(monotonic=lambda: world.now))
     world.report = fault(world, random)
     world.run(3.0, until=log.flush)
-    assert any('commanding zeros' in line for line in lines)
+    assert any(f'commanding {world.loop.commands.output.stopped}' in line for line in lines)
     # Why they are commanded, that it is over, and that messages are ignored.
     assert len(lines) <= 3 * 4, lines
 
@@ -553,10 +555,10 @@ def take_time(patch, world, seconds):
     patch.setattr(world.controller, 'update', timed)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, seed):
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 2))
+def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, output, seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, random, rate=0.0)
+    world = make_world(monkeypatch, random, rate=0.0, output=output)
     take_time(monkeypatch, world, 1e-4)
     world.frozen = True
     # Too short to count as a stall.
@@ -568,10 +570,10 @@ def test_of_joint_states_that_waited_only_the_newest_is_answered(monkeypatch, se
     check(world)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_joint_states_that_waited_for_a_moment_are_answered_one_by_one(monkeypatch, seed):
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 2))
+def test_joint_states_that_waited_for_a_moment_are_answered_one_by_one(monkeypatch, output, seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, random, rate=0.0)
+    world = make_world(monkeypatch, random, rate=0.0, output=output)
     take_time(monkeypatch, world, 1e-4)
     count, size = len(world.monitor.commands), random.integers(2, 10)
     ages = random.uniform(0.0, 0.9 * STATE_PERIOD, size)
@@ -579,13 +581,15 @@ def test_joint_states_that_waited_for_a_moment_are_answered_one_by_one(monkeypat
     world.run(20 * STATE_PERIOD)
     assert len(world.monitor.commands) == count + 20 * (size + 1)
     assert world.velocity.any()
-    check(world)
+    # Positions count from the begin of a cycle, which the monitor does not know.
+    if not world.holds:
+        check(world)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_a_loop_that_falls_behind_does_not_answer_all_joint_states(monkeypatch, seed):
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 2))
+def test_a_loop_that_falls_behind_does_not_answer_all_joint_states(monkeypatch, output, seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, random, rate=0.0)
+    world = make_world(monkeypatch, random, rate=0.0, output=output)
     took = random.uniform(0.0015, 0.003)
     take_time(monkeypatch, world, took)
     world.report = lambda world: [*at_once(world, 1e-4 * np.arange(1, 18)), world.state()]
@@ -596,10 +600,10 @@ def test_a_loop_that_falls_behind_does_not_answer_all_joint_states(monkeypatch, 
     assert (world.loop.measurements.joints.q == world.sent).all()
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_a_burst_of_old_joint_states_moves_nothing_before_it_is_over(monkeypatch, seed):
+@pytest.mark.parametrize(('output', 'seed'), runs(SEEDS, 2))
+def test_a_burst_of_old_joint_states_moves_nothing_before_it_is_over(monkeypatch, output, seed):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2])
+    world = make_world(monkeypatch, random, rate=(100.0, 0.0)[seed % 2], output=output)
     waiting = []
 
     def keep(world):

@@ -172,9 +172,10 @@ def test_several_joints_that_do_not_follow_stop_the_robot(monkeypatch, joints, o
     assert len(world.controller.locked) <= 1
 
 
-def test_only_joint_that_moves_stops_the_robot_as_the_driver_may_have_failed(monkeypatch):
+@pytest.mark.parametrize('output', OUTPUTS)
+def test_only_joint_that_moves_stops_the_robot_as_the_driver_may_have_failed(monkeypatch, output):
     world, _ = make_world(monkeypatch, stack=f'- tool: {{type: position, frame: {PANDA_TOOL}}}\n',
-                          way=(0.0, 0.0, 0.0), **LOCKING)
+                          way=(0.0, 0.0, 0.0), output=output, **LOCKING)
     world.controller.lock([NAMES[joint] for joint in range(1, 7)], world.now)
     world.controller.set_goal('tool', ROBOT.state(world.q).position(PANDA_TOOL)
                               + [0.0, 0.3, 0.0], world.now)
@@ -183,9 +184,11 @@ def test_only_joint_that_moves_stops_the_robot_as_the_driver_may_have_failed(mon
     assert NAMES[0] not in world.controller.locked
 
 
+@pytest.mark.parametrize('output', OUTPUTS)
 @pytest.mark.parametrize(('share', 'drift'), [(-1.0, 0.0), (1.0, 0.6)])
-def test_joint_that_moves_the_other_way_or_by_itself_stops_the_robot(monkeypatch, share, drift):
-    world, _ = make_world(monkeypatch, **LOCKING)
+def test_joint_that_moves_the_other_way_or_by_itself_stops_the_robot(monkeypatch, share, drift,
+                                                                     output):
+    world, _ = make_world(monkeypatch, output=output, **LOCKING)
     world.run(0.1)
     first = np.arange(7) == 0
     world.plant = lambda velocity: np.where(first, share * velocity + drift, velocity)
@@ -193,9 +196,10 @@ def test_joint_that_moves_the_other_way_or_by_itself_stops_the_robot(monkeypatch
     assert not world.controller.locked
 
 
+@pytest.mark.parametrize('output', OUTPUTS)
 @pytest.mark.parametrize(('pause', 'stops'), [(3.0, True), (12.0, False)])
-def test_second_joint_is_locked_only_after_a_while(monkeypatch, pause, stops):
-    world, _ = make_world(monkeypatch, **LOCKING)
+def test_second_joint_is_locked_only_after_a_while(monkeypatch, pause, stops, output):
+    world, _ = make_world(monkeypatch, output=output, **LOCKING)
     world.run(0.1)
     failing(world, 0)
     assert world.run(1.5, until=lambda: world.controller.locked)

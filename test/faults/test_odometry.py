@@ -25,6 +25,7 @@ STACK = '- drive: {type: base_pose, gain: 1.0}\n- posture: {type: posture, gain:
 # Each base at each rate, and each output for the joints.
 OUTPUTS = ('planar', 'position', 100.0), ('floating', 'trajectory', 0.0)
 CASES = [*((base, 'velocity', rate) for base in BASES for rate in RATES), *OUTPUTS]
+EACH_BASE = [*((base, 'velocity', 100.0) for base in BASES), *OUTPUTS]
 # What a computed clock and its steps may add to a timeout [s].
 STEPS = 0.02
 
@@ -206,9 +207,9 @@ def test_a_slow_base_that_does_not_follow_is_stopped_later(monkeypatch, fault, s
     assert 'base_x does not follow' in world.stopped() and not world.twist.any()
 
 
-@pytest.mark.parametrize('base', BASES)
-def test_a_base_that_moves_slowly_has_to_follow_as_well(monkeypatch, base):
-    world = make_world(monkeypatch, base, 100.0)
+@pytest.mark.parametrize(('base', 'output', 'rate'), EACH_BASE)
+def test_a_base_that_moves_slowly_has_to_follow_as_well(monkeypatch, base, output, rate):
+    world = make_world(monkeypatch, base, rate, output=output)
     ahead = world.robot.integrate(np.concatenate((world.base, world.q)), np.concatenate((
         np.eye(len(world.twist))[0], np.zeros(7))), 0.4)
     T = np.eye(4)
@@ -240,9 +241,10 @@ class Turns:
             self._queue.callback(taken[0])
 
 
-@pytest.mark.parametrize('rate', RATES[1:])
-def test_of_messages_that_have_waited_the_newest_counts(monkeypatch, rate):
-    world = make_world(monkeypatch, 'planar', rate)
+@pytest.mark.parametrize(('output', 'rate'), [*(('velocity', rate) for rate in RATES[1:]),
+                                              *(case[1:] for case in OUTPUTS)])
+def test_of_messages_that_have_waited_the_newest_counts(monkeypatch, output, rate):
+    world = make_world(monkeypatch, 'planar', rate, output=output)
     # Every 5 ms a message comes, every 20 ms one would be taken.
     world.node.queues[:] = [Turns(queue, 20) for queue in world.node.queues]
     world.told.clear()
@@ -276,13 +278,12 @@ def estimated(random, rate, correction):
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-@pytest.mark.parametrize('rate', RATES)
-@pytest.mark.parametrize('base', BASES)
+@pytest.mark.parametrize(('base', 'output', 'rate'), CASES)
 @pytest.mark.parametrize('correction', [0.0, 0.2])
-def test_an_estimator_that_corrects_itself_stops_nothing(monkeypatch, base, rate, seed,
+def test_an_estimator_that_corrects_itself_stops_nothing(monkeypatch, base, output, rate, seed,
                                                          correction):
     random = np.random.default_rng(seed)
-    world = make_world(monkeypatch, base, rate)
+    world = make_world(monkeypatch, base, rate, output=output)
     world.locate = estimated(random, random.choice([30.0, 50.0, 200.0]), correction)
     lag = np.zeros(len(world.twist))
 
