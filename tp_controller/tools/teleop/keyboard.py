@@ -15,19 +15,9 @@ import tty
 import numpy as np
 from tp_controller.errors import TpControllerError
 from tp_controller.tools.teleop.drive import Drive
+from tp_controller.tools.teleop.key_map import FASTER, KeyMap, QUIT, SLOWER, STOP_KEY
 from tp_controller.tools.teleop.mapping import DIRECTIONS, Scaling, Source
 
-# {key: (direction, sign)}
-KEYS = {'w': ('x', 1.0), 's': ('x', -1.0), 'a': ('y', 1.0), 'd': ('y', -1.0),
-        'r': ('z', 1.0), 'f': ('z', -1.0), 'u': ('rx', 1.0), 'o': ('rx', -1.0),
-        'i': ('ry', 1.0), 'k': ('ry', -1.0), 'j': ('rz', 1.0), 'l': ('rz', -1.0)}
-STOP_KEY, FASTER, SLOWER, QUIT = ' ', '+', '-', 'q'
-HELP = """move   w/s x   a/d y   r/f z      turn   u/o about x   i/k about y   j/l about z
-space stop     +/- faster, slower     q or Ctrl-C end     hold a key to go on moving"""
-# Time that a key moves [s]: terminals repeat a key every 30 to 40 ms, and do not tell its end.
-KEY_SECONDS = 0.15
-# Time to full speed [s], so that a short press is a small step.
-RAMP_SECONDS = 0.3
 # Factor of a change of speed, and the largest factor of all changes together.
 SPEED_STEP, MOST_SPEED = 1.25, 10.0
 # Signals that end a command as Ctrl-C does, so that the terminal is restored.
@@ -42,8 +32,7 @@ class Keyboard:
 
     Parameters
     ----------
-    linear, angular : float
-        Speeds of the keys [m/s, rad/s].
+    key_map : KeyMap
 
     Attributes
     ----------
@@ -52,17 +41,17 @@ class Keyboard:
 
     """
 
-    def __init__(self, linear: float, angular: float) -> None:
+    def __init__(self, key_map: KeyMap) -> None:
         sources = {name: Source(f'axis {index}') for index, name in enumerate(DIRECTIONS)}
-        self._first = Scaling(linear, angular, 0.0)
-        self._factor = 1.0
-        self.drive = Drive(sources, Source(''), self._first, KEY_SECONDS, RAMP_SECONDS,
+        self._first = Scaling(key_map.linear, key_map.angular, 0.0)
+        self._keys, self._factor = key_map.keys, 1.0
+        self.drive = Drive(sources, Source(''), self._first, key_map.seconds, key_map.ramp,
                            rest_first=False)
 
     def press(self, key: str, now: float) -> bool:
         """Take a key at a time [s]; return False if it ends the command."""
-        if key in KEYS:
-            direction, sign = KEYS[key]
+        if key in self._keys:
+            direction, sign = self._keys[key]
             axes = np.zeros(len(DIRECTIONS))
             axes[DIRECTIONS.index(direction)] = sign
             self.drive.take_joy(axes.tolist(), (), now)
@@ -73,7 +62,7 @@ class Keyboard:
             self._factor = min(factor, MOST_SPEED)
             self.drive.scaling = replace(self._first, linear=self._first.linear * self._factor,
                                          angular=self._first.angular * self._factor)
-        return key != QUIT
+        return key in self._keys or key != QUIT
 
 
 @contextmanager

@@ -9,9 +9,14 @@ import termios
 
 import pytest
 from tp_controller.errors import TpControllerError
+from tp_controller.tools.check.parameter_file import node_parameters
 from tp_controller.tools.teleop.drive import FINAL_ZEROS
-from tp_controller.tools.teleop.keyboard import Keyboard, KEYS, keys_of, MOST_SPEED, read_keys
+from tp_controller.tools.teleop.key_map import key_map, KEYBOARD
+from tp_controller.tools.teleop.keyboard import Keyboard, keys_of, MOST_SPEED, read_keys
 from tp_controller.tools.teleop.mapping import DIRECTIONS
+
+KEY_MAP = key_map(node_parameters(KEYBOARD, 'tp_teleop'))
+KEYS = KEY_MAP.keys
 
 
 def hold(keyboard, key, until=1.0):
@@ -26,7 +31,7 @@ def test_a_key_moves_in_its_direction(key):
     direction, sign = KEYS[key]
     expected = [0.0] * 6
     expected[DIRECTIONS.index(direction)] = sign * (0.5 if direction[0] == 'r' else 0.1)
-    assert hold(Keyboard(0.1, 0.5), key).tolist() == expected
+    assert hold(Keyboard(KEY_MAP), key).tolist() == expected
 
 
 def test_each_direction_has_two_keys():
@@ -35,7 +40,7 @@ def test_each_direction_has_two_keys():
 
 
 def test_a_key_that_is_not_repeated_ends_in_zeros():
-    keyboard = Keyboard(0.1, 0.5)
+    keyboard = Keyboard(KEY_MAP)
     hold(keyboard, 'w')
     assert keyboard.drive.command(1.14)[0] > 0.0
     assert [keyboard.drive.command(1.16).any() for _ in range(FINAL_ZEROS)] == [False] * 3
@@ -46,14 +51,14 @@ def test_a_key_that_is_not_repeated_ends_in_zeros():
 
 
 def test_the_space_bar_stops_at_once():
-    keyboard = Keyboard(0.1, 0.5)
+    keyboard = Keyboard(KEY_MAP)
     hold(keyboard, 'w')
     assert keyboard.press(' ', 1.0)
     assert not keyboard.drive.command(1.0).any()
 
 
 def test_speed_changes_within_bounds():
-    keyboard = Keyboard(0.1, 0.5)
+    keyboard = Keyboard(KEY_MAP)
     keyboard.press('+', 0.0)
     assert hold(keyboard, 's')[0] == pytest.approx(-0.125)
     for _ in range(50):
@@ -64,7 +69,7 @@ def test_speed_changes_within_bounds():
 
 
 def test_q_ends_and_other_keys_do_nothing():
-    keyboard = Keyboard(0.1, 0.5)
+    keyboard = Keyboard(KEY_MAP)
     # An arrow key is several characters.
     assert all(keyboard.press(key, 0.0) for key in '\x1b[A1W')
     assert keyboard.drive.command(0.0) is None
