@@ -303,6 +303,8 @@ def test_angles_of_more_than_a_turn_are_taken_for_degrees_that_were_not_meant(ca
 def test_a_table_shows_silence_errors_and_reasons():
     tasks = (TaskStatus('tool', level='1', errors={'m': 0.25, 'rad': 0.5}, status='limited',
                         reason='near a singularity', goal_warning='out of reach'),
+             TaskStatus('hand', level='1', errors={'m': 0.0}, status='limited', progress=0.416,
+                        reason='blocked by x'),
              TaskStatus('mobile', level='2', errors={'1': 0.01}, status='satisfied'),
              TaskStatus('elbow', level='3', errors={'m': math.nan}, status='stopped'))
     heard = {'left/arm': (ControllerStatus('left/arm', 'running', {},
@@ -312,6 +314,7 @@ def test_a_table_shows_silence_errors_and_reasons():
 /left/arm: running
   task           level    error                    status     reason
   tool           1        0.2500 m, 0.5000 rad     limited    near a singularity; out of reach
+  hand           1        0.0000 m                 limited    42% of its trajectory; blocked by x
   mobile         2        0.0100                   satisfied
   elbow          3        -                        stopped
 
