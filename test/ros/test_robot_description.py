@@ -70,6 +70,11 @@ def test_a_description_that_was_there_before_is_taken(harness):
     harness.spin_until(lambda: status.task('rest'))
 
 
+def test_a_node_without_a_description_logs_where_it_waits_for_one(harness, log):
+    waiting_controller(harness)
+    harness.spin_until(lambda: 'waiting for the robot on /robot_description' in log())
+
+
 def test_the_simulator_brings_the_description(harness):
     harness.make(ControllerNode, stack=POSTURE, status_rate=50.0)
     harness.simulator()

@@ -176,6 +176,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                 self._taken = ''
                 self._descriptions = self.create_subscription(
                     String, 'robot_description', self._on_description, LATCHED)
+                self._log.info(f'waiting for the robot on {self._descriptions.topic_name}')
         except Exception as error:
             self._fault = error
             self._log.error(in_words(error))
@@ -259,8 +260,7 @@ class ControllerNode(LifecycleNodeMixin, ClosableNode):
                 self._log.warning(f'topic robot_description: {IGNORED_DESCRIPTION}')
             return
         try:
-            robot = self._make_robot(message.data)
-            if robot is not None:
+            if (robot := self._make_robot(message.data)) is not None:
                 self._set_robot(robot)
                 self._taken = message.data
                 self._activate()
