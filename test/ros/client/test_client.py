@@ -6,6 +6,7 @@
 from geometry_msgs.msg import PointStamped
 from harness import Arm, Status
 import pytest
+from tp_controller.errors import GoalError
 from tp_controller.ros.client.client import Client, OTHERS_SECONDS
 
 STACK = '[{tip: {type: position, frame: link3, axes: xy}}]'
@@ -82,3 +83,15 @@ def test_goal_is_sent_once_everybody_is_found_of_whom_the_controller_knows(
     sender.client.close()
     # The controller has it; the other one may have not found this sender yet.
     assert sender.waited == [OTHERS_SECONDS]
+
+
+def test_goal_for_a_controller_without_a_stack_is_refused_with_its_reason(harness, monkeypatch):
+    harness.controller(stack='[{tip: {type: position, frame: nowhere}}]', state_timeout=10.0)
+    client = Client(context=harness.context)
+    spin = client.spin
+    monkeypatch.setattr(client, 'spin', lambda seconds: (
+        harness.executor.spin_once(timeout_sec=0.005), spin(0.001)))
+    assert client.wait(lambda: client.stop_reason().startswith('no valid stack'), 10.0)
+    with pytest.raises(GoalError, match='/tp_controller has no tasks: no valid stack: .*nowhere'):
+        client.send('tip', wait=0.1, xyz=GOAL)
+    client.close()

@@ -315,6 +315,8 @@ class Client:
         names = self.task_names() or sorted(tasks)
         if topic == 'trajectory' and task in tasks:
             return f'task {task!r} follows no trajectory'
+        if not names and self.status:
+            return f'/{self.controller} has no tasks: {self.stop_reason()}'
         if not names:
             return absence(f'/{self.controller}')
         if task not in names:
