@@ -135,7 +135,7 @@ def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, Sequence[Goal]]:
     found = dict[str, Any]()
     for name, given in goals.items():
         if isinstance(given, (Mapping, str)) or not isinstance(given, Iterable) \
-                or np.ndim(given) == 0 and isinstance(given, np.ndarray):
+                or isinstance(given, np.ndarray) and given.ndim == 0:
             raise GoalError(f'the goals of task {name!r} need a sequence, not {given!r}')
         found[name] = given if isinstance(given, np.ndarray) else list(given)
     if len({len(given) for given in found.values()}) != 1:

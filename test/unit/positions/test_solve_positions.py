@@ -143,6 +143,7 @@ def test_goals_may_be_any_sequence_or_none():
     ({'goals': {'tool': {'a': 1}}}, GoalError, 'need a sequence'),
     ({'goals': {'tool': 'abc'}}, GoalError, 'need a sequence'),
     ({'goals': {'tool': np.array(1.0)}}, GoalError, 'need a sequence'),
+    ({'goals': {'tool': [[0.4, 0.0], [0.4]]}}, GoalError, "goal 0: the goal of task 'tool'"),
     ({'goals': {'tool': []}, 'attempts': -3}, SettingsError, 'attempts'),
     ({'goals': {'hand': []}}, GoalError, "position 'hand'"),
     ({'start': 'abc'}, RobotError, 'start'), ({'start': [[1.0], [1.0, 2.0]]}, RobotError, 'start'),
