@@ -4,7 +4,7 @@
 """Inputs of the joints of a controller between two cycles: velocity limits and locks."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -78,7 +78,7 @@ class JointInputs(TrajectoryInputs):
 
     def check_joints(self, joints: Sequence[str]) -> None:
         """Raise `RobotError` if `lock` and `unlock` do not take such joints."""
-        if isinstance(joints, str):
+        if isinstance(joints, str) or not isinstance(joints, Collection):
             raise RobotError(f'joints must be a list of names, not {joints!r}')
         check_velocities(joints, self.robot.velocity_names)
 

@@ -379,6 +379,8 @@ def test_locks_stay_with_another_stack_and_other_settings_until_unlocked():
 @pytest.mark.parametrize('joints, now, error, told', [
     (['panda_joint2', 'joint4'], 0.0, RobotError, "unknown driven joint 'joint4'"),
     ('panda_joint2', 0.0, RobotError, 'must be a list of names'),
+    (None, 0.0, RobotError, 'must be a list of names, not None'),
+    (iter(['panda_joint2']), 0.0, RobotError, 'must be a list of names'),
     (['panda_joint2'], math.nan, TimeError, 'now must be a finite number'),
     (['panda_joint2'], None, TimeError, 'now must be a finite number')])
 def test_lock_that_cannot_be_locks_nothing(joints, now, error, told):
