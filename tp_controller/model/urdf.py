@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping
 import copy
+import math
 from typing import TypeAlias
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -20,6 +21,10 @@ UNLIMITED = 1e9
 # The largest of example-robot-data, TIAGo with two arms, has 130 links and 101 moving joints.
 # Pinocchio's data of a state grow with the third power of the joints: 100 MB for 150.
 MOST_LINKS, MOST_MOVING_JOINTS = 1000, 150
+# Numbers that the model needs: {element: {attribute: how many}}.
+NUMBERS = {'origin': {'xyz': 3, 'rpy': 3}, 'axis': {'xyz': 3}, 'limit': {'lower': 1, 'upper': 1},
+           'mass': {'value': 1},
+           'inertia': dict.fromkeys(('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'), 1)}
 # Name of the joint between the world and a base that moves.
 FREE_FLYER = 'free flyer'
 # {follower: (leader, multiplier, offset)}
@@ -108,6 +113,7 @@ def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
         ElementTree.SubElement(slim, 'link', name=link.get('name', '')).extend(
             link.findall('inertial'))
     slim.extend(copy.deepcopy(tree.findall('joint')))
+    _check_numbers(slim)
     for joint in slim.findall('joint'):
         if joint.get('type') not in MOVING_TYPES:
             continue
@@ -127,6 +133,33 @@ def build_model(tree: Element, moving_base: bool = False) -> pinocchio.Model:
         return pinocchio.buildModelFromXML(ElementTree.tostring(slim, encoding='unicode'), *before)
     except (ValueError, RuntimeError) as error:
         raise RobotError(f'robot description: {error}') from error
+
+
+def _check_numbers(slim: Element) -> None:
+    """Raise `RobotError` for a faulty number, which the parser does not name or drops."""
+    for part in slim:
+        for element in part.iter():
+            where = f'{part.tag} {part.get("name")!r}, {element.tag}'
+            for key, count in NUMBERS.get(element.tag, {}).items():
+                if key in element.keys():
+                    found = _finite(element.get(key, ''))
+                    if len(found) != count:
+                        needed = 'a finite number' if count == 1 else f'{count} finite numbers'
+                        raise RobotError(f'{where}: {key} needs {needed}, '
+                                         f'got {element.get(key)!r}')
+                    if element.tag == 'axis' and part.get('type') in MOVING_TYPES \
+                            and not any(found):
+                        raise RobotError(f'{where}: an axis needs a direction, '
+                                         f'not {element.get(key)!r}')
+
+
+def _finite(text: str) -> list[float]:
+    """Return the numbers in a text; none if one is faulty."""
+    try:
+        found = [float(word) for word in text.split()]
+    except ValueError:
+        return []
+    return found if all(map(math.isfinite, found)) else []
 
 
 def mimic_rules(elements: Mapping[str, Element]) -> MimicRules:
