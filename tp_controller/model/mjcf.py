@@ -78,7 +78,11 @@ def urdf_from_mjcf(text: str, path: Path | None = None) -> Description:
         if tree.find(f'worldbody//{name}') is not None:
             raise RobotError(f'{where}: <{name}> is not read. Let MuJoCo write the model without '
                              'it (mujoco.mj_saveLastXML), or take a URDF of the robot')
-    corrections, remarks = Corrections(mimics=_mimic_rules(tree)), _drop_objects(tree, where)
+    rules, left_out = _mimic_rules(tree)
+    corrections, remarks = Corrections(mimics=rules), _drop_objects(tree, where)
+    if left_out:
+        remarks = (*remarks, f'{where}: without the equalities that do not make a joint mimic '
+                             f'another; those joints move by themselves: {", ".join(left_out)}')
     for name in UNUSED_SECTIONS:
         for element in tree.findall(name):
             tree.remove(element)
@@ -267,18 +271,33 @@ def _join_bodies(tree: Element) -> None:
             ElementTree.SubElement(world, 'body', name=WORLD).extend(bodies)
 
 
-def _mimic_rules(tree: Element) -> MimicRules:
-    """Return {follower: (leader, multiplier, offset)} of the linear equalities of two joints."""
+def _mimic_rules(tree: Element) -> tuple[MimicRules, list[str]]:
+    """
+    Return the linear equalities of two joints, and the names of all other equalities in force.
+
+    Returns
+    -------
+    dict
+        {follower: (leader, multiplier, offset)}.
+    list of str
+
+    """
     rules: MimicRules = {}
-    for joint in tree.iterfind('equality/joint'):
-        follower, leader = joint.get('joint1'), joint.get('joint2')
-        try:
-            offset, multiplier, *rest = map(float, joint.get('polycoef', '0 1 0 0 0').split())
-        except ValueError:
+    left_out: list[str] = []
+    for each in tree.iterfind('equality/*'):
+        if each.tag == 'default' or each.get('active') == 'false':
             continue
-        if follower and leader and not any(rest) and joint.get('active') != 'false':
+        follower, leader = each.get('joint1'), each.get('joint2')
+        try:
+            offset, multiplier, *rest = map(float, each.get('polycoef', '0 1 0 0 0').split())
+        except ValueError:
+            rest = [math.nan]
+        if each.tag == 'joint' and follower and leader and not any(rest):
             rules[follower] = leader, multiplier, offset
-    return rules
+        else:
+            left_out.append(f'{each.tag} {each.get("name") or follower or each.get("body1", "")}'
+                            .rstrip())
+    return rules, left_out
 
 
 def _name_joints(tree: Element) -> dict[str, list[str]]:

@@ -56,8 +56,11 @@ def test_linear_equalities_of_two_joints_are_mimic_joints(tmp_path):
     path = write(tmp_path / 'arm.xml', rest="""<equality>
 <joint joint1="right" joint2="left" polycoef="0.01 0.5 0 0 0"/>
 <joint joint1="elbow" joint2="shoulder" polycoef="0 1 1 0 0"/>
-<joint joint1="slide" joint2="shoulder" active="false"/></equality>""")
+<joint joint1="slide" joint2="shoulder" active="false"/>
+<connect name="loop" body1="finger" body2="thumb" anchor="0 0 0"/></equality>""")
     robot = Robot.from_file(path)
+    remark, = robot.remarks
+    assert remark.endswith('those joints move by themselves: joint elbow, connect loop')
     assert robot.joint_names == ('shoulder', 'slide', 'elbow', 'left')
     state = robot.state([0.0, 0.0, 0.0, 0.02])
     T = np.linalg.inv(state.pose('lower'))
