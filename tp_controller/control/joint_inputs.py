@@ -4,7 +4,7 @@
 """Inputs of the joints of a controller between two cycles: velocity limits and locks."""
 
 from abc import abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -14,7 +14,7 @@ from tp_controller.control.lead import ARRIVED
 from tp_controller.control.settings import Settings
 from tp_controller.control.trajectory_inputs import TrajectoryInputs
 from tp_controller.control.velocity_limits import lowered
-from tp_controller.errors import GoalError, RobotError, TimeError
+from tp_controller.errors import GoalError, TimeError
 from tp_controller.model.joint_groups import check_velocities
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
@@ -78,8 +78,6 @@ class JointInputs(TrajectoryInputs):
 
     def check_joints(self, joints: Sequence[str]) -> None:
         """Raise `RobotError` if `lock` and `unlock` do not take such joints."""
-        if isinstance(joints, str) or not isinstance(joints, Collection):
-            raise RobotError(f'joints must be a list of names, not {joints!r}')
         check_velocities(joints, self.robot.velocity_names)
 
     def lock(self, joints: Sequence[str], now: float | None = None) -> None:

@@ -3,7 +3,7 @@
 
 """Groups of joints, which tasks name together."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
 
 from tp_controller.errors import RobotError, unknown
@@ -52,8 +52,11 @@ def joint_groups(groups: object, velocity_names: Sequence[str], base: Sequence[s
     return found
 
 
-def check_velocities(names: Iterable[str], velocity_names: Sequence[str]) -> None:
-    """Raise `RobotError` unless all names are velocities, not groups of them."""
+def check_velocities(names: Collection[str], velocity_names: Sequence[str]) -> None:
+    """Raise `RobotError` unless names are a list, and all are velocities, not groups of them."""
+    # An iterator would be used up by the check.
+    if isinstance(names, str) or not isinstance(names, Collection):
+        raise RobotError(f'joints must be a list of names, not {names!r}')
     for name in names:
         if name not in velocity_names:
             raise RobotError(unknown('driven joint', name, velocity_names))

@@ -32,9 +32,9 @@ def with_locks(robot: Robot, locked: Collection[str], q: ArrayLike) -> Robot:
         A name is unknown, or `q` is no configuration.
 
     """
+    check_velocities(locked, robot.velocity_names)
     if not locked:
         return robot
-    check_velocities(locked, robot.velocity_names)
     found, positions = copy(robot), robot.state(q).positions
     fixed = np.isin(np.array(robot.velocity_names), list(locked))
     found.lower = np.where(fixed, positions, robot.lower)

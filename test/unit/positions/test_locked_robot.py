@@ -75,10 +75,14 @@ def test_base_stays_along_a_locked_velocity():
     np.testing.assert_allclose(found.q[:3], start[:3], atol=1e-12)
 
 
-def test_lock_of_an_unknown_joint_is_refused():
+@pytest.mark.parametrize(('locked', 'told'), [
+    (['joint4'], "unknown driven joint 'joint4'"),
+    ('panda_joint4', "must be a list of names, not 'panda_joint4'"),
+    (iter(['panda_joint4']), 'must be a list of names')], ids=str)
+def test_lock_of_no_known_joints_is_refused(locked, told):
     robot = robots.panda()
-    with pytest.raises(RobotError, match="unknown driven joint 'joint4'"):
-        solve_position(robot, Stack.from_yaml(TEXT, robot), locked=['joint4'])
+    with pytest.raises(RobotError, match=told):
+        solve_position(robot, Stack.from_yaml(TEXT, robot), locked=locked)
 
 
 def test_goal_by_a_posture_is_reached_without_the_locked_joint():
