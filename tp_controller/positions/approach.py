@@ -3,11 +3,14 @@
 
 """Goals that a controller reaches by a posture, where the straight way is blocked."""
 
+from collections.abc import Collection
+
 import numpy as np
 from tp_controller.control.controller import Controller
 from tp_controller.control.lead import ARRIVED
 from tp_controller.errors import GoalError
 from tp_controller.model.spatial import Array
+from tp_controller.positions.solution import PositionSolution
 from tp_controller.positions.solve_position import PositionSolver
 from tp_controller.tasks.goal_holder import Goal
 
@@ -47,15 +50,38 @@ def set_goal_by_posture(controller: Controller, name: str, goal: Goal,
         raise GoalError('a goal that is reached by a posture needs joint positions, and none have '
                         'arrived yet')
     parsed = controller.parsed_goal(name, goal, frame)
-    q, passive = place
-    found = PositionSolver(controller.robot, controller.stack, controller.locked, q).solve(
-        {name: parsed}, q, passive=passive, timeout=LONGEST_SEARCH)
-    reason = '' if found.reached else next(
-        task.reason for task in found.tasks if task.name == name) or 'a task above is in the way'
-    if found.reached:
-        reason = _unable(controller, name, np.abs(found.q - q))
+    q, standing = place[0], _standing(controller, name)
+    found = _search(controller, name, parsed, place, standing)
+    reason = _missing(found, name)
+    if standing and reason:
+        # Is it these joints that are missing?
+        found = _search(controller, name, parsed, place, ())
+        reason = _missing(found, name) or _unable(controller, name, np.abs(found.q - q))
     remarks = controller.set_goal(name, goal, now, frame, posture=None if reason else found.q)
     return (*remarks, f'no posture reaches it: {reason}') if reason else remarks
+
+
+def _search(controller: Controller, name: str, goal: Goal, place: tuple[Array, Array | None],
+            standing: Collection[str]) -> PositionSolution:
+    """Return the nearest posture to a goal with the goals in force, without some joints."""
+    q, passive = place
+    solver = PositionSolver(controller.robot, controller.stack, {*controller.locked, *standing}, q)
+    return solver.solve({name: goal}, q, passive=passive, timeout=LONGEST_SEARCH)
+
+
+def _missing(found: PositionSolution, name: str) -> str:
+    """Return the reason why a search has not reached the goal of a task; empty if it has."""
+    return '' if found.reached else next(
+        task.reason for task in found.tasks if task.name == name) or 'a task above is in the way'
+
+
+def _standing(controller: Controller, task: str) -> list[str]:
+    """Return the joints that do not move on the way to a posture for a task."""
+    robot, mask = controller.robot, controller.stack.tasks[task].joint_mask
+    if robot.moves:
+        return []
+    moving = robot.velocity > 0.0 if mask is None else mask & (robot.velocity > 0.0)
+    return [name for name, able in zip(robot.joint_names, moving) if not able]
 
 
 def _unable(controller: Controller, task: str, way: Array) -> str:

@@ -125,10 +125,12 @@ def test_goal_that_no_posture_reaches_is_approached_straight_with_the_reason():
 
 
 def test_joint_that_cannot_move_leads_straight():
-    robot = Robot.from_file(robots.PANDA_DH, limits={'panda_joint7': {'velocity': 0.0}})
+    robot = Robot.from_file(robots.PANDA_DH, limits={
+        name: {'velocity': 0.0} for name in ('panda_joint6', 'panda_joint7')})
     controller = controller_of(robot=robot)
     assert set_goal_by_posture(controller, 'tool', poses(1)[0], 0.0) == (
-        'no posture reaches it: panda_joint7 cannot move, with a velocity limit of zero',)
+        'no posture reaches it: panda_joint6, panda_joint7 cannot move, with a velocity limit of '
+        'zero',)
     assert not controller.stack.tasks['tool'].led
     # A lead that a user gives moves the others all the same.
     posture = READY + [0.2, 0.1, 0.0, -0.2, 0.1, 0.1, 0.3]
@@ -231,12 +233,31 @@ def test_posture_leads_without_the_joints_that_the_task_must_not_move(shared):
     np.testing.assert_allclose(robot.state(q).position(TOOL), goal, atol=1e-3)
 
 
+@pytest.mark.parametrize(('keys', 'limits'), [
+    ('excluded_joints: panda_joint1', {}), ('gain: 2.0', {'panda_joint1': {'velocity': 0.0}})],
+    ids=['excluded', 'without a velocity'])
+def test_posture_is_searched_with_the_joints_that_move(keys, limits):
+    robot = Robot.from_file(robots.PANDA_DH, limits=limits)
+    controller = controller_of(TEXT.replace('gain: 2.0', keys), robot)
+    goal = robot.state(READY + 0.2).pose(TOOL)
+    # The posture below would turn the joint.
+    controller.set_goal('posture', READY + 0.4, 0.0)
+    assert set_goal_by_posture(controller, 'tool', goal, 0.0) == ()
+    assert controller.stack.tasks['tool'].led
+    path, commands = run(controller, READY)
+    assert commands[-1].report.tasks[0].reached
+    # It may turn once the task goes on by itself.
+    assert np.ptp(path[:20, 0]) < 1e-9
+
+
 def test_posture_that_moves_other_joints_leads_to_no_goal():
     controller = controller_of(TEXT.replace('gain: 2.0', 'excluded_joints: panda_joint1'))
     there = READY + 0.5
     goal = controller.robot.state(there).pose(TOOL)
     with pytest.raises(GoalError, match="moves panda_joint1, which task 'tool' must not move"):
         controller.set_goal('tool', goal, 0.0, posture=there)
-    assert set_goal_by_posture(controller, 'tool', goal, 0.0) == (
-        'no posture reaches it: tool must not move panda_joint1',)
+    # There is one, but for the mask.
+    far = controller.robot.state(READY + [3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).pose(TOOL)
+    remark, = set_goal_by_posture(controller, 'tool', far, 0.0)
+    assert remark.startswith('no posture reaches it: tool must not move panda_joint1')
     assert not controller.stack.tasks['tool'].led
