@@ -148,11 +148,11 @@ class Settings:
         """
         Return the largest speeds (n,) of levels below the first; None if there is no such cap.
 
-        Only joints with an acceleration limit need a reserve. The velocity limits (n,) are those
-        of the robot by default.
+        Only joints with an acceleration limit need a reserve, and none where all are scaled. The
+        velocity limits (n,) are those of the robot by default.
         """
         slow = np.isfinite(robot.acceleration)
-        if not slow.any():
+        if not slow.any() or self.scaling == 'uniform':
             return None
         velocity = robot.velocity if velocity is None else velocity
         return np.where(slow, (1.0 - self.reserve) * velocity, velocity)

@@ -105,7 +105,7 @@ class Solver {
     whole = found;
     if (!options_.uniform) return;
     x = arena.take(options_.n);
-    scale(lower, upper);
+    scale(lower, upper, {});
   }
 
  private:
@@ -180,30 +180,68 @@ class Solver {
     std::fill(most, most + n, INF);
     double *free = arena.take(n);
     whole = free;
+    End enlarging;
     if (std::any_of(levels.begin(), levels.end(), [](const Level &l) { return l.bounded; })) {
       // No bounds of levels are worth slowing the joints more than the demands need.
       loop(least, most, nullptr, true, free);
-      const double found = scale_uniformly(n, whole, lower, upper, x).slowed;
-      const double share = found != 0.0 ? found : 1.0;
+      const Scaled found = scale_uniformly(n, whole, lower, upper, x);
+      const double share = found.slowed != 0.0 ? found.slowed : 1.0;
       for (int j = 0; j < n; ++j) {
         const double rest = slowest(lower[j], upper[j]);
         least[j] = rest + (std::min(lower[j], 0.0) - rest) / share;
         most[j] = rest + (std::max(upper[j], 0.0) - rest) / share;
       }
+      enlarging = end(upper, found.limiting);
     }
     loop(least, most, nullptr, false, free);
     remember(period);
-    scale(lower, upper);
+    scale(lower, upper, enlarging);
   }
 
-  void scale(const double *lower, const double *upper) {
-    const int n = options_.n;
-    const Scaled found = scale_uniformly(n, whole, lower, upper, x);
+  // A joint and the sign of the bound at which its velocity is; no joint: −1.
+  struct End {
+    int joint = -1;
+    double sign = 0.0;
+  };
+
+  End end(const double *upper, int j) const {
+    return {j, j >= 0 && x[j] == upper[j] ? 1.0 : -1.0};
+  }
+
+  void scale(const double *lower, const double *upper, const End &enlarging) {
+    const Scaled found = scale_uniformly(options_.n, whole, lower, upper, x);
     slowed = found.slowed;
-    if (found.limiting < 0) return;
-    double *multipliers = arena.zeros(n);
-    multipliers[found.limiting] = x[found.limiting] == upper[found.limiting] ? 1.0 : -1.0;
-    for (Step &step : steps) step.multipliers = multipliers;
+    limit(enlarging, end(upper, found.limiting));
+  }
+
+  // Give the steps the multipliers of scaled joints.
+  void limit(const End &enlarging, const End &slowing) {
+    const size_t n = size_t(options_.n);
+    std::vector<double *> found;
+    bool acts = false;
+    for (const Step &step : steps) {
+      found.push_back(half_signs(step));
+      acts = acts || std::any_of(found.back(), found.back() + n, [](double m) { return m != 0.0; });
+    }
+    const bool enlarges = acts && enlarging.joint >= 0;
+    for (size_t l = 0; l < steps.size(); ++l) {
+      if (!steps[l].multipliers && !enlarges && slowing.joint < 0) continue;
+      if (enlarges) found[l][enlarging.joint] = 0.5 * enlarging.sign;
+      if (slowing.joint >= 0) found[l][slowing.joint] = slowing.sign;
+      steps[l].multipliers = found[l];
+    }
+  }
+
+  // Half the signs of the multipliers (n,) of a step; 0 for rounding errors.
+  double *half_signs(const Step &step) {
+    double *found = arena.zeros(size_t(options_.n)), most = 0.0;
+    if (!step.multipliers) return found;
+    for (int j = 0; j < options_.n; ++j) most = std::max(most, std::fabs(step.multipliers[j]));
+    const double least = std::max(NEGLIGIBLE * most, ROUNDING);
+    for (int j = 0; j < options_.n; ++j)
+      if (std::fabs(step.multipliers[j]) > least)
+        found[j] = step.multipliers[j] > 0.0 ? 0.5 : -0.5;
+    return found;
   }
 
   void remember(double period) {

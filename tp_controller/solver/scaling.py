@@ -38,13 +38,12 @@ def scale_uniformly(velocity: Array, lower: Array,
     return scaled, scale, limiting
 
 
-def enlarged(velocity: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+def enlarged(share: float, lower: Array, upper: Array) -> tuple[Array, Array]:
     """
-    Return bounds that `scale_uniformly` reduces to `lower` and `upper` for a velocity (n,).
+    Return bounds that scaling by a share reduces to `lower` and `upper`.
 
     Within them no bounds of levels make a joint so fast that all joints are scaled further.
     """
-    share = scale_uniformly(velocity, lower, upper)[1] or 1.0
     slowest = _slowest(lower, upper)
     return (slowest + (np.minimum(lower, 0.0) - slowest) / share,
             slowest + (np.maximum(upper, 0.0) - slowest) / share)

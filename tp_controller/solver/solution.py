@@ -211,7 +211,8 @@ class LevelSolution:
 
         Positive for an upper bound, negative for a lower one. Widening the bound by ε reduces
         ½ ‖residual‖² of the level, before the levels below, by abs(multiplier) ε. With uniform
-        scaling only the limiting joint has a multiplier, ±1.
+        scaling they are signs: ±1 for the limiting joint, and ±½ for limits that act on levels
+        with bounds before the scaling.
         """
         found = self._step.multipliers
         return np.zeros(len(self.velocity)) if found is None else found

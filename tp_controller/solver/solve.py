@@ -27,6 +27,8 @@ from tp_controller.solver.level import (
     check_weights,
     LARGEST_NUMBER,
     Level,
+    NEGLIGIBLE,
+    ROUNDING,
 )
 from tp_controller.solver.min_norm import min_norm
 from tp_controller.solver.polytope import Polytope
@@ -268,20 +270,49 @@ def _uniform(levels: list[Level], lower: Array, upper: Array, solver: PrioritySo
              period: float, memory: Memory, curved: list[float]) -> Solution:
     """Return the solution with all joints scaled alike (lecture 4)."""
     least, most = np.full((2, len(lower)), [[-np.inf], [np.inf]])
+    enlarging: list[tuple[int, float]] = []
     if any(level.v is None for level in levels):
         # Bounds of levels must not slow the joints more than the demands do.
         demands = [level for level in levels if level.v is not None]
         free, _ = _loop(demands, least, most, solver, None,
                         [c for level, c in zip(levels, curved) if level.v is not None])
-        least, most = enlarged(free, lower, upper)
+        x, share, limiting = scale_uniformly(free, lower, upper)
+        least, most = enlarged(share or 1.0, lower, upper)
+        enlarging = _end(x, upper, limiting)
     whole, steps = _loop(levels, least, most, solver, None, curved)
     memory = _remembered(steps, memory, solver.damping, period)
     x, slowed, limiting = scale_uniformly(whole, lower, upper)
-    if limiting is not None:
-        multipliers = np.zeros(len(x))
-        multipliers[limiting] = 1.0 if x[limiting] == upper[limiting] else -1.0
-        steps = [step._replace(multipliers=multipliers) for step in steps]
-    return Solution(x, levels, memory, steps, whole, slowed)
+    return Solution(x, levels, memory, _limited(steps, enlarging, _end(x, upper, limiting)), whole,
+                    slowed)
+
+
+def _end(x: Array, upper: Array, joint: int | None) -> list[tuple[int, float]]:
+    """Return a joint and the sign of the bound at which its velocity is; [] for None."""
+    return [] if joint is None else [(joint, 1.0 if x[joint] == upper[joint] else -1.0)]
+
+
+def _limited(steps: list[LevelStep], enlarging: list[tuple[int, float]],
+             slowing: list[tuple[int, float]]) -> list[LevelStep]:
+    """Return the steps with the multipliers of scaled joints; see `LevelSolution.multipliers`."""
+    found = [_half_signs(step) for step in steps]
+    ends = slowing
+    if any(multipliers.any() for multipliers in found):
+        ends = [(joint, 0.5 * sign) for joint, sign in enlarging] + slowing
+    for multipliers in found:
+        for joint, multiplier in ends:
+            multipliers[joint] = multiplier
+    return [step if step.multipliers is None and not ends
+            else step._replace(multipliers=multipliers)
+            for step, multipliers in zip(steps, found)]
+
+
+def _half_signs(step: LevelStep) -> Array:
+    """Return half the signs of the multipliers (n,) of a step; 0 for rounding errors."""
+    if step.multipliers is None:
+        return np.zeros(len(step.velocity))
+    size = np.abs(step.multipliers)
+    least = max(NEGLIGIBLE * size.max(initial=0.0), ROUNDING)
+    return np.asarray(np.where(size > least, 0.5 * np.sign(step.multipliers), 0.0))
 
 
 def _remembered(steps: list[LevelStep], memory: Memory, damping: Damping,

@@ -34,6 +34,14 @@ def test_causes_in_motion_are_what_brings_back_what_is_missing(sweep, case):
     assert findings.true >= 10 and max(findings.shares) < 0.06
 
 
+def test_limits_that_act_before_all_joints_are_scaled_are_causes(sweep):
+    # A joint limits the demand, and another one the motion that is left within a box.
+    findings = sweep.Findings()
+    for scene in list(sweep.drive('Panda', 4))[5:8]:
+        sweep.compare(scene, '', findings)
+    assert findings.faults == [] and findings.true == findings.found >= 6
+
+
 def first_report(robot, stack, q, settings=NOW, goals=()):
     """Return the report of the first cycle as {task: TaskReport}."""
     controller = Controller(robot, Stack.from_yaml(stack, robot), settings)

@@ -90,6 +90,12 @@ def test_causes_are_the_same_where_the_fast_path_solves_a_cycle_that_has_forgott
     assert compared(scene) == {'curvature'}
 
 
+def test_causes_that_act_before_all_joints_are_scaled_are_those_of_the_reference(monkeypatch):
+    monkeypatch.syspath_prepend(str(REPOSITORY / 'benchmarks'))
+    scenes = list(importlib.import_module('causes').drive('Panda', 4))[5:8]
+    assert all('lower position limit' in compared(scene) for scene in scenes)
+
+
 def limited(name, robot=None, **settings):
     """Return a slow controller whose goals are far away, after some cycles."""
     robot = robot or robots.panda()

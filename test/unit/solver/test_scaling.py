@@ -142,6 +142,19 @@ def test_uniform_scaling_names_the_joint_that_decided_and_its_side():
         assert level.velocity == pytest.approx([0.5, sign * 4.0])
 
 
+def test_limits_that_act_before_the_scaling_are_named_after_the_limiting_joint():
+    # 10 for the sum: (5, 5) without the row, so joint 1 allows a fifth, and joint 2 up to 7.5.
+    row = Level([[1.0, 0.0, 0.0]], lower=[-1.0], upper=[0.0])
+    levels = [row, ([[1.0, 1.0, 0.0]], [10.0]), ([[0.0, 0.0, 1.0]], [-1.0])]
+    solution = solve(levels, [-1.0, -1.5, -1.0], [1.0, 1.5, 1.0])
+    assert solution.velocity == pytest.approx([0.0, 1.5, -0.2]) and solution.limiting == 1
+    for level in solution.levels[1:]:
+        assert level.multipliers.tolist() == [0.5, 1.0, 0.0] and level.limited_by == [1, 0]
+    # With more of joint 1 joint 3 moves more, too.
+    faster = solve(levels, [-1.0, -1.5, -1.0], [1.5, 1.5, 1.0])
+    assert faster.velocity == pytest.approx([0.0, 1.5, -0.3])
+
+
 def test_scaling_keeps_the_direction_of_every_task():
     levels = random_levels(np.random.default_rng(11), 6, [2, 2])
     free = solve(levels)
