@@ -193,6 +193,15 @@ def test_what_was_before_a_start_is_forgotten():
         assert not check.check(np.zeros(1), np.array([0.3]), 0.01 * step)
 
 
+@pytest.mark.parametrize('moved, fault', [(0.09, False), (0.12, True), (-0.12, True)])
+def test_a_joint_that_moves_without_a_command_does_not_follow(moved, fault):
+    check, found = checker(excess=0.1), []
+    for cycle in range(400):
+        q = moved * min(max(cycle - 250, 0) / 50.0, 1.0)
+        found.append(check.check(np.array([q]), np.zeros(1), 0.01 * cycle))
+    assert any(found) == fault
+
+
 def test_a_window_of_zero_checks_nothing():
     check = checker(window=0.0)
     assert not any(check.check(np.zeros(1), np.ones(1), 0.01 * step) for step in range(1000))

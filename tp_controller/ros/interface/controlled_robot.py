@@ -155,6 +155,8 @@ class ControlledRobot:
 
     def look(self) -> None:
         """Check for nodes that publish or receive commands, or allow motion, and for locks."""
+        # A query of the graph takes a quarter of a cycle at 1 kHz.
+        self.loop.gaps.wait()
         self.note_locks()
         self.loop.permits.look(self._node, self._log)
         self._competitors.look()

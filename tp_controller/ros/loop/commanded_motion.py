@@ -81,11 +81,11 @@ class CommandedMotion:
 
     def configuration(self, cycle: Beginning) -> Array:
         """Return the configuration that the next command starts from, (nq,)."""
-        measured, locked = self._measurements.joints.q, self._checks.ignored
+        measured = self._measurements.joints.q
         joints = self._commands.output.positions(measured, cycle.robot_time)
-        if locked.any():
+        if self._checks.ignores:
             # They are where they are, whatever is commanded.
-            joints = np.where(locked, measured, joints)
+            joints = np.where(self._checks.ignored, measured, joints)
         return self._measurements.base.configuration(joints)
 
     def publish(self, velocity: Array, cycle: Beginning) -> bool:

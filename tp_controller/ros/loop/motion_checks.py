@@ -50,6 +50,8 @@ class MotionChecks:
     limits : LimitCheck
     ignored : ndarray (m,) of bool
         Driven joints that no check counts: they are locked.
+    ignores : bool
+        There are such joints.
     failing : str
         Joint, or axis of the base, that the last fault is about if it does not follow; else empty.
     follow : FollowCheck
@@ -68,7 +70,7 @@ class MotionChecks:
         self._base, self._names = base, robot.joint_names
         self._locked: frozenset[str] = frozenset()
         self.failing = ''
-        self.ignored = np.zeros(len(robot.joint_names), dtype=bool)
+        self.ignored, self.ignores = np.zeros(len(robot.joint_names), dtype=bool), False
         self.limits = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows],
                                  values['limit_tolerance'])
         following = Following(values['follow_window'], excess=values['jump_tolerance'])
@@ -89,6 +91,7 @@ class MotionChecks:
         unlocked = not self._locked.issubset(locked)
         self._locked = frozenset(locked)
         self.ignored = np.array([name in self._locked for name in self._names], dtype=bool)
+        self.ignores = bool(self.ignored.any())
         self.limits.ignore(self.ignored)
         self.follow.ignored = self.lead.ignored = self.ignored
         if unlocked:

@@ -8,6 +8,7 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
@@ -90,7 +91,10 @@ class VelocityOutput:
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
                  names: Sequence[str], qos: QoSProfile, values: Mapping[str, Any]) -> None:
-        self._order = np.array([robot.joint_names.index(name) for name in names], dtype=int)
+        # A slice, mostly: the order of the robot.
+        self._order: slice | NDArray[np.intp] = slice(None)
+        if tuple(names) != robot.joint_names:
+            self._order = np.array([robot.joint_names.index(name) for name in names], np.intp)
         self._zeros = np.zeros(len(names))
         self.velocity, self.share = self._zeros, 1.0
         self.ahead: Array | None = None

@@ -390,7 +390,8 @@ class FollowCheck:
         if self._count:
             self._moved[-1] += motion(q - self._last_q, self._endless)
         # All commands but the one that is in force from now on.
-        self._demanded[-1] += np.diff(self._times) @ np.array(self._velocities)[:-1]
+        times = np.array(self._times)
+        self._demanded[-1] += (times[1:] - times[:-1]) @ np.array(self._velocities[:-1])
         self._sampled_at[-1], self._last_q[:] = now, q
         self._count += 1
         del self._velocities[:-1], self._times[:-1]
@@ -405,6 +406,10 @@ class FollowCheck:
             # Commanded motion in windows of the same length that end earlier: one of them is the
             # motion that a robot with any delay up to `lag` has to follow now.
             demanded = self._demanded[-last:] - self._demanded[-last - length:-length]
+            if max(demanded.max(), -demanded.min()) <= self._following.distance \
+                    and np.abs(moved).max() <= self._following.excess:
+                # Too little motion for any fault.
+                continue
             wrong = self._deviating(moved, demanded)
             if wrong.any():
                 joint = int(np.argmax(wrong))
