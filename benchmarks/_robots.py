@@ -40,7 +40,7 @@ FILES = {'Panda': 'panda.yaml', 'FR3': 'fr3.yaml', 'planar 3R': 'planar_3r.yaml'
 BASES = {'TIAGo on wheels': 'planar', 'mobile arm': 'planar'}
 
 
-def load_robot(name, acceleration=None, limits=None):
+def load_robot(name, acceleration=None, limits=None, jerk=None):
     """
     Return a robot.
 
@@ -52,6 +52,8 @@ def load_robot(name, acceleration=None, limits=None):
         Limit of every joint, and of a base that moves [rad/s² or m/s²]; none by default.
     limits : dict, optional
         Single limits, {joint: {limit: value}}; instead of `acceleration`.
+    jerk : float, optional
+        The same beside `acceleration` [rad/s³ or m/s³]; none by default.
 
     Returns
     -------
@@ -61,7 +63,8 @@ def load_robot(name, acceleration=None, limits=None):
     if acceleration is None:
         return _load(name, limits)
     names = _load(name, None).velocity_names
-    return _load(name, {moved: {'acceleration': acceleration} for moved in names})
+    given = {'acceleration': acceleration} | ({} if jerk is None else {'jerk': jerk})
+    return _load(name, dict.fromkeys(names, given))
 
 
 def _load(name, limits):

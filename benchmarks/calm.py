@@ -109,11 +109,11 @@ class Scene:
     """What a run is about, drawn from a generator of its own."""
 
     def __init__(self, name: str, rate: int, acceleration: float | None, number: int,
-                 seed: int = 0) -> None:
+                 seed: int = 0, jerk: float | None = None) -> None:
         self.name, self.rate, self.kind = name, rate, KINDS[number % len(KINDS)]
         self.random = np.random.default_rng(
             (zlib.crc32(name.encode()), rate, int(acceleration or 0), number, seed))
-        self.robot, self.tool = _robot(name, acceleration), TOOLS[name]
+        self.robot, self.tool = _robot(name, acceleration, jerk), TOOLS[name]
         self.start = self.place()
         if name == PLANAR:
             self.goal = self._goal_in_plane()
@@ -185,9 +185,9 @@ def _place(robot: Robot, random: np.random.Generator, widened: float = 0.0) -> n
 
 
 @lru_cache(maxsize=None)
-def _robot(name: str, acceleration: float | None) -> Robot:
+def _robot(name: str, acceleration: float | None, jerk: float | None = None) -> Robot:
     """Return a robot; made once."""
-    return load_robot(name, acceleration)
+    return load_robot(name, acceleration, jerk=jerk)
 
 
 @lru_cache(maxsize=None)
@@ -261,7 +261,7 @@ def record(scene: Scene, plant: str = 'ideal', weighted: bool = False,
 
 
 def run(name: str, rate: int, acceleration: float | None, number: int, plant: str = 'ideal',
-        weighted: bool = False, seed: int = 0) -> Run:
+        weighted: bool = False, seed: int = 0, jerk: float | None = None) -> Run:
     """
     Return what came of a run.
 
@@ -281,9 +281,11 @@ def run(name: str, rate: int, acceleration: float | None, number: int, plant: st
         Whether joints have random weights.
     seed : int
         For other starts and goals.
+    jerk : float, optional
+        The same beside an acceleration limit [rad/s³ or m/s³].
 
     """
-    scene = Scene(name, rate, acceleration, number, seed)
+    scene = Scene(name, rate, acceleration, number, seed, jerk)
     try:
         commands = record(scene, plant, weighted)[round(SETTLING * rate):]
     except Exception as error:
@@ -352,9 +354,10 @@ def measure_goals(options: argparse.Namespace) -> list[Run]:
     print('| ' + ' | '.join(head) + ' |\n|' + ' --- |' * len(head), flush=True)
     every: list[Run] = []
     with multiprocessing.Pool(options.jobs) as pool:
-        for case in product(options.robots, options.rates, ACCELERATIONS):
+        limits = ACCELERATIONS if options.jerk is None else ACCELERATIONS[1:]
+        for case in product(options.robots, options.rates, limits):
             began = time.monotonic()
-            work = [(*case, number, options.plant, options.weights, options.seed)
+            work = [(*case, number, options.plant, options.weights, options.seed, options.jerk)
                     for number in range(options.goals)]
             runs = pool.starmap(run, work, chunksize=1)
             print(f'{row(runs)}  <!-- {time.monotonic() - began:.0f} s -->', flush=True)
@@ -398,6 +401,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument('--weights', action='store_true', help='random ones')
     parser.add_argument('--stacks', type=int, default=0,
                         help='random stacks of all task types, in place of the rest')
+    parser.add_argument('--jerk', type=float,
+                        help='limit beside the acceleration limits [rad/s³ or m/s³]')
     parser.add_argument('--seed', type=int, default=0, help='for other starts and goals')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     return parser.parse_args()

@@ -56,7 +56,8 @@ class Cycle(NamedTuple):
         """Return the cycle with bounds for the demand of levels, by default those of the stack."""
         if not self.bounds.follow_demand:
             return self
-        return self._replace(bounds=self.bounds.towards(self.aim(levels).velocity))
+        return self._replace(bounds=self.bounds.towards(self.aim(levels).velocity,
+                                                        levels is None))
 
     def aim(self, levels: list[Level] | None = None) -> Solution:
         """Return the solution of levels without transient limits."""

@@ -89,15 +89,18 @@ class Layout(NamedTuple):
         numbers = np.frombuffer(record)
         (commanded, now, mean, usual, commands, tries, nudges,
          still_since, before) = numbers[:MEMORY_HEAD].tolist()
-        first = MEMORY_HEAD + 2 * n
+        first = MEMORY_HEAD + 3 * n
+        velocity, acceleration, demand = numbers[MEMORY_HEAD:first].reshape(3, n)
         return CycleMemory(
-            numbers[MEMORY_HEAD:first - n], numbers[first - n:first], before,
+            velocity, acceleration, before,
             tuple(numbers[first:first + delay * n].reshape(delay, n)),
             None if math.isnan(commanded) else commanded,
             CycleTime(now, mean, usual, int(commands)),
             tuple(numbers[first + delay * n:][:len(self.active)].tolist()),
             escape=Escape(int(tries), int(nudges),
-                          None if math.isnan(still_since) else still_since))
+                          None if math.isnan(still_since) else still_since),
+            demand=demand if self.options.limits.follow_demand and np.isfinite(demand).all()
+            else None)
 
     def pack(self, memory: CycleMemory) -> bytes | None:
         """Return a memory as the beginning of a record; None during a transition or a nudge."""
@@ -108,7 +111,8 @@ class Layout(NamedTuple):
                 memory.before)
         return np.concatenate((
             [math.nan if number is None else number for number in head], memory.velocity,
-            memory.acceleration, *memory.pending,
+            memory.acceleration, np.full(self.options.n, math.nan) if memory.demand is None
+            else memory.demand, *memory.pending,
             (*memory.damping, *(0.0,) * count)[:count])).tobytes()
 
 
@@ -228,7 +232,7 @@ class CycleRecord:
     def _first(self) -> int:
         """Return the index of the first number after memory and head."""
         options = self.layout.options
-        return MEMORY_HEAD + (2 + options.delay) * options.n + len(self.layout.active) \
+        return MEMORY_HEAD + (3 + options.delay) * options.n + len(self.layout.active) \
             + CYCLE_HEAD.size // 8
 
     @property

@@ -48,6 +48,11 @@ BOUNDARY_STEPS = 5
 SHORTEST_TAIL = 1e-9
 # Replaces a missing jerk limit in formulas [rad/s³ or m/s³].
 ANY_JERK = 1.0
+# Share of the rate at which the demand falls that is expected to last; of the largest demand, by
+# which joints may move against their own; and of the time to the largest acceleration, by which
+# commands lag. With less of them, joints swing about goals out of reach (calm.py --jerk); with
+# more, lower levels disturb upper ones, and goals take longer (jerk.py).
+FALL, COMPENSATION, LAG = 0.5, 0.5, 0.03
 
 
 class JerkLimit(JointLimit):
@@ -57,8 +62,9 @@ class JerkLimit(JointLimit):
     Let a be the change of the last command per time, made in the time h₀. A command after the
     time h changes it by at most j (h + h₀)/2: the second difference of the commands, between the
     middles of both times. In addition the joint has to be able to stop by `StopLaw` within its
-    position limits, and to end its acceleration within its velocity limits. It also ends it at the
-    velocity that the tasks demand, but for an acceleration that one cycle takes back.
+    position limits, and to end its acceleration within its velocity limits. It also reaches the
+    velocity that the tasks demand, which may fall, without overshoot, but for a part by which
+    joints compensate what others miss.
     """
 
     name, key = 'jerk limit', 'jerk'
@@ -71,6 +77,12 @@ class JerkLimit(JointLimit):
         self._jerk = np.where(self._limited, self._values, ANY_JERK)
         self._acceleration = np.minimum(limits['acceleration'], UNLIMITED_ACCELERATION)
         self._velocity = limits['velocity']
+        # Zero where a speed is not limited; a joint that is locked demands nothing.
+        self._speed = np.where(np.isfinite(self._velocity), self._velocity, 0.0)
+        self._fastest = np.where(self._speed > 0.0, self._speed, np.inf)
+        largest = np.minimum(self._acceleration, np.sqrt(self._jerk * self._velocity))
+        known = self._limited & (largest < UNLIMITED_ACCELERATION)
+        self.response = LAG * float((largest / self._jerk)[known].max(initial=0.0))
         self._upper = UpperPositionLimit(limits, period, gain)
         self._lower = LowerPositionLimit(limits, period, gain)
 
@@ -87,10 +99,8 @@ class JerkLimit(JointLimit):
         middle = 0.5 * (upper + lower)
         upper, lower = np.maximum(upper, middle), np.minimum(lower, middle)
         if motion.demand is not None:
-            wanted = self._approach(motion.demand - last, h)
-            free = self._jerk * h
-            upper, lower = (np.minimum(np.maximum(end, lower), upper) for end in (
-                np.maximum(wanted, free), np.minimum(wanted, -free)))
+            upper, lower = (np.minimum(np.maximum(end, lower), upper)
+                            for end in self._following(motion.demand, motion, h))
         return (np.where(self._limited, last + h * lower, -np.inf),
                 np.where(self._limited, last + h * upper, np.inf))
 
@@ -101,6 +111,39 @@ class JerkLimit(JointLimit):
         change = 0.5 * self._jerk * (h + min(motion.before, self._period))
         return (np.maximum(a - change, -self._acceleration),
                 np.minimum(a + change, self._acceleration))
+
+    def _following(self, demand: Array, motion: JointMotion, h: float) -> tuple[Array, Array]:
+        """
+        Return the largest and least accelerations (n,) that follow what the tasks demand.
+
+        Parameters
+        ----------
+        demand : ndarray (n,)
+            Demanded velocities [rad/s or m/s].
+        motion : JointMotion
+            Motion of the joints.
+        h : float
+            Time of the cycle [s].
+
+        """
+        last, free = motion.velocity, self._jerk * h
+        rate = self._fall(demand, motion, h)
+        wanted = rate + self._approach(demand - last - h * rate, h)
+        # The other way: as much acceleration as one cycle takes back, up to a velocity in a share
+        # of the largest demand, so that joints at rest come to rest.
+        share = COMPENSATION * float((np.abs(demand) / self._fastest).max())
+        more = 0.5 * free + share * self._speed / h
+        up, down = (np.clip(gap / h + more, 0.0, free) for gap in (demand - last, last - demand))
+        return np.maximum(wanted, rate + up), np.minimum(wanted, rate - down)
+
+    def _fall(self, demand: Array, motion: JointMotion, h: float) -> Array:
+        """Return the rates (n,) at which the demand is expected to fall as the joints move."""
+        last = motion.velocity
+        if motion.demanded is None:
+            return np.zeros(len(last))
+        rate = np.minimum(FALL * np.abs(demand - motion.demanded) / motion.elapsed,
+                          np.minimum(self._acceleration, np.abs(last) / h))
+        return np.where((demand - motion.demanded) * last < 0.0, -np.copysign(rate, last), 0.0)
 
     def _approach(self, gap: Array, h: float) -> Array:
         """

@@ -53,6 +53,9 @@ class JointMotion(NamedTuple):
     demand : ndarray (n,) or None
         Velocities that the tasks demand within all limits that are not transient [rad/s or m/s];
         None if unknown.
+    demanded : ndarray (n,) or None
+        The same of the cycle before; None if unknown, or if what the tasks demand does not go on
+        from there.
 
     """
 
@@ -64,6 +67,7 @@ class JointMotion(NamedTuple):
     acceleration: Array | None = None
     before: float = math.inf
     demand: Array | None = None
+    demanded: Array | None = None
 
 
 class JointLimit(ABC):
@@ -95,6 +99,8 @@ class JointLimit(ABC):
         Whether a gain that is too high for the period leads to it.
     follows_demand : bool
         Whether it needs `JointMotion.demand`.
+    response : float
+        Time by which commands lag behind what the tasks demand, as longer cycles would [s].
     compiled : bool
         Whether joint_limits.h has its formula, too.
 
@@ -107,6 +113,7 @@ class JointLimit(ABC):
     transient: ClassVar[bool] = False
     caused_by_gain: ClassVar[bool] = True
     follows_demand: ClassVar[bool] = False
+    response = 0.0
     compiled: ClassVar[bool] = False
 
     def __init__(self, limits: Mapping[str, Array], period: float, gain: float) -> None:

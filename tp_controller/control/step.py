@@ -96,6 +96,8 @@ class CycleMemory(NamedTuple):
         `Solution.memory` of the solver, one number for each level.
     transition : Transition
     escape : Escape
+    demand : ndarray (n,) or None
+        Velocities that the tasks demanded, where a limit follows these [rad/s or m/s].
 
     """
 
@@ -108,6 +110,7 @@ class CycleMemory(NamedTuple):
     damping: Memory = ()
     transition: Transition = Transition()
     escape: Escape = Escape()
+    demand: Array | None = None
 
     @classmethod
     def at_rest(cls, n: int) -> 'CycleMemory':
@@ -142,7 +145,7 @@ class CycleMemory(NamedTuple):
         acceleration = (velocity - self.velocity) / h if velocity.any() else np.zeros(options.n)
         return self._replace(velocity=velocity, acceleration=acceleration, before=h,
                              pending=(velocity, *self.pending)[:options.delay], commanded=now,
-                             transition=Transition())
+                             transition=Transition(), demand=None)
 
     def motion(self, positions: Array, elapsed: float, hold: float) -> JointMotion:
         """
@@ -159,7 +162,7 @@ class CycleMemory(NamedTuple):
 
         """
         return JointMotion(positions, self.velocity, elapsed, self.pending, hold,
-                           self.acceleration, self.before)
+                           self.acceleration, self.before, demanded=self.demand)
 
 
 class Commanded(NamedTuple):
@@ -197,7 +200,7 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
 
     """
     options, levels, positions, now, elapsed, shared, before = problem
-    last, *_, pending, commanded, time, damping, transition, escape = memory
+    last, *_, pending, commanded, time, damping, transition, escape, _ = memory
     if commanded is None:
         # From rest: the first command may change by what the joints can do in this time.
         elapsed = elapsed if elapsed is not None and 0.0 < elapsed < options.period \
@@ -220,7 +223,7 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
     command, h = outcome.commanded.velocity, min(elapsed, options.period)
     return cycle, outcome, CycleMemory(
         command, (command - last) / h, h, (command, *pending)[:options.delay], now, time,
-        outcome.solution.memory, transition, escape)
+        outcome.solution.memory, transition, escape, cycle.bounds.demand)
 
 
 def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, time: CycleTime

@@ -79,9 +79,26 @@ class VelocityBounds(Bounds):
         """Return whether the bounds depend on what the tasks demand."""
         return self._limits.follow_demand
 
-    def towards(self, demand: Array) -> 'VelocityBounds':
-        """Return the bounds for velocities (n,) that the tasks demand, within `settled` bounds."""
+    @property
+    def demand(self) -> Array | None:
+        """Return the velocities (n,) that the tasks demand; None where no limit follows them."""
+        return self._motion.demand
+
+    def towards(self, demand: Array, goes_on: bool = True) -> 'VelocityBounds':
+        """
+        Return the bounds for velocities that the tasks demand.
+
+        Parameters
+        ----------
+        demand : ndarray (n,)
+            Demanded velocities within `settled` bounds [rad/s or m/s].
+        goes_on : bool
+            Whether they go on from those of the cycle before.
+
+        """
         motion = self._motion._replace(demand=demand)
+        if not goes_on:
+            motion = motion._replace(demanded=None)
         return VelocityBounds(self._limits, motion, self._limits.box(motion), self.cap, self.hold)
 
     @cached_property
@@ -245,6 +262,8 @@ class VelocityLimits:
         Limits in force, the transient ones last.
     follow_demand : bool
         Whether the bounds depend on what the tasks demand.
+    response : float
+        Largest `JointLimit.response` [s].
     cap : ndarray (n,) or None
         See `Bounds`.
     zero : list of int
@@ -262,6 +281,7 @@ class VelocityLimits:
         self.all = [limit(values, period, braking_gain) for limit in LIMITS
                     if not limit.transient or np.isfinite(values[limit.key]).any()]
         self.follow_demand = any(limit.follows_demand for limit in self.all)
+        self.response = max(limit.response for limit in self.all)
         self.cap, self._size = cap, len(values['velocity'])
         self.zero: list[int] = np.flatnonzero(values['velocity'] == 0.0).tolist()
         self.compiled: CompiledLimits | None = None
@@ -289,7 +309,7 @@ class VelocityLimits:
 
     def bounds(self, motion: JointMotion, box: Interval, hold: float) -> VelocityBounds:
         """Return the result of `at` with the result of `box`."""
-        return VelocityBounds(self, motion, box, self.cap, hold)
+        return VelocityBounds(self, motion, box, self.cap, hold + self.response)
 
     def box(self, motion: JointMotion) -> Interval:
         """Return the least and largest velocities (n,)."""

@@ -16,6 +16,7 @@ namespace {
 // Constants of the reference.
 constexpr int BOUNDARY_STEPS = 5;
 constexpr double SHORTEST_TAIL = 1e-9;
+constexpr double FALL = 0.5, COMPENSATION = 0.5, LAG = 0.03;
 
 struct JerkLimit {
   double period = 0.0;
@@ -23,6 +24,18 @@ struct JerkLimit {
   PositionLimits position;
 
   bool in_force() const { return !values.empty(); }
+
+  // Time by which commands lag behind what the tasks demand.
+  double response() const {
+    double longest = 0.0;
+    for (size_t j = 0; j < values.size(); ++j) {
+      if (std::isinf(values[j])) continue;
+      const double largest = std::min(position.strongest(j),
+                                      std::sqrt(values[j] * position.velocity[j]));
+      if (largest < UNLIMITED_ACCELERATION) longest = std::max(longest, largest / values[j]);
+    }
+    return LAG * longest;
+  }
 
   Interval at(const JointMotion &motion, double gain, size_t j) const {
     const double jerk = values[j];
@@ -44,10 +57,10 @@ struct JerkLimit {
     upper = std::max(upper, middle);
     lower = std::min(lower, middle);
     if (motion.demand) {
-      const double wanted = approach(motion.demand[j] - last, h, jerk), free = jerk * h;
+      const Interval its = following(motion, j, h, jerk);
       const double high = upper;
-      upper = std::min(std::max(std::max(wanted, free), lower), high);
-      lower = std::min(std::max(std::min(wanted, -free), lower), high);
+      upper = std::min(std::max(its.most, lower), high);
+      lower = std::min(std::max(its.least, lower), high);
     }
     return {last + h * lower, last + h * upper};
   }
@@ -60,6 +73,37 @@ struct JerkLimit {
         ? std::min(std::max(motion.acceleration[j], -strongest), strongest) : 0.0;
     const double change = 0.5 * jerk * (h + std::min(motion.before, period));
     return {std::max(a - change, -strongest), std::min(a + change, strongest)};
+  }
+
+  // The least and largest accelerations that follow what the tasks demand.
+  Interval following(const JointMotion &motion, size_t j, double h, double jerk) const {
+    const double demand = motion.demand[j], last = motion.velocity[j], free = jerk * h;
+    const double rate = fall(motion, j, h);
+    const double wanted = rate + approach(demand - last - h * rate, h, jerk);
+    // The other way: as much acceleration as one cycle takes back, up to a velocity in a share of
+    // the largest demand, so that joints at rest come to rest.
+    double share = 0.0;
+    for (size_t k = 0; k < values.size(); ++k)
+      if (speed(k) > 0.0)
+        share = std::max(share, COMPENSATION * std::fabs(motion.demand[k]) / speed(k));
+    const double more = 0.5 * free + share * speed(j) / h;
+    const double up = std::min(std::max((demand - last) / h + more, 0.0), free);
+    const double down = std::min(std::max((last - demand) / h + more, 0.0), free);
+    return {std::min(wanted, rate - down), std::max(wanted, rate + up)};
+  }
+
+  // Zero where it is not limited; a joint that is locked demands nothing.
+  double speed(size_t j) const {
+    return std::isinf(position.velocity[j]) ? 0.0 : position.velocity[j];
+  }
+
+  // The rate at which the demand is expected to fall as the joint moves.
+  double fall(const JointMotion &motion, size_t j, double h) const {
+    if (!motion.demanded || std::isnan(motion.demanded[j])) return 0.0;
+    const double last = motion.velocity[j], change = motion.demand[j] - motion.demanded[j];
+    if (!(change * last < 0.0)) return 0.0;
+    return -std::copysign(std::min(FALL * std::fabs(change) / motion.elapsed,
+                                   std::min(position.strongest(j), std::fabs(last) / h)), last);
   }
 
   // The acceleration that ends soonest, without overshoot, at another velocity.

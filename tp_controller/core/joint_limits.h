@@ -39,6 +39,8 @@ struct JointMotion {
   const double *acceleration;
   double before;
   const double *demand;
+  // The same of the cycle before, where it is known; else null, or not numbers.
+  const double *demanded;
 };
 
 // Add a pending command to the sums in each direction.

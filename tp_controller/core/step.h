@@ -21,7 +21,7 @@ class CycleMemory {
  public:
   CycleMemory(int n, int delay) : n_(n), delay_(delay) { set_levels(0); }
 
-  void set_levels(size_t count) { numbers_.resize(HEAD + size_t(n_) * (2 + delay_) + count); }
+  void set_levels(size_t count) { numbers_.resize(HEAD + size_t(n_) * (3 + delay_) + count); }
 
   size_t size() const { return numbers_.size(); }
   double *data() { return numbers_.data(); }
@@ -33,7 +33,9 @@ class CycleMemory {
   Escape escape() const { return {numbers_[5], numbers_[6], numbers_[7]}; }
   double *velocity() { return &numbers_[HEAD]; }
   double *acceleration() { return velocity() + n_; }
-  double *pending(int i) { return velocity() + size_t(n_) * (2 + i); }
+  // What the tasks demanded; not numbers where that is unknown.
+  double *demand() { return acceleration() + n_; }
+  double *pending(int i) { return demand() + size_t(n_) * (1 + i); }
   double *damping() { return pending(delay_); }
 
   void put(const CycleTime &time) {
@@ -95,7 +97,7 @@ class ControlCycle {
     double *upwards = arena.zeros(n), *downwards = arena.zeros(n);
     for (int i = 0; i < delay; ++i) add_pending(before.pending(i), n, upwards, downwards);
     return {positions, before.velocity(), since, time.longest_hold(period), delay, upwards,
-            downwards, before.acceleration(), before.before(), nullptr};
+            downwards, before.acceleration(), before.before(), nullptr, before.demand()};
   }
 
   // Compute the cycle at positions where the robot is; `measured`: time since the last command.
@@ -116,6 +118,8 @@ class ControlCycle {
     memory.put(time);
     memory.put(escape);
     memory.command(solver.x, std::min(elapsed, period));
+    if (demand) std::copy(demand, demand + solver.n(), memory.demand());
+    else std::fill_n(memory.demand(), solver.n(), std::nan(""));
     std::copy(solver.memory.begin(), solver.memory.end(), memory.damping());
     return true;
   }
@@ -163,7 +167,7 @@ class ControlCycle {
   }
 
   void solve(const CycleTime &time) {
-    solver.solve(lower, upper, time.mean, cap.empty() ? nullptr : cap.data());
+    solver.solve(lower, upper, time.mean + limits.limits.response, cap.empty() ? nullptr : cap.data());
   }
 
   std::vector<Group> groups_;

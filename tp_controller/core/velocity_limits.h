@@ -23,6 +23,7 @@ struct JointLimits {
   PositionLimits position;
   AccelerationLimit acceleration;
   JerkLimit jerk;
+  double response = 0.0;  // `VelocityLimits.response`
 
   size_t size() const { return velocity.values.size(); }
 
@@ -39,6 +40,7 @@ struct JointLimits {
         && read_limit(limits, "jerk", false, size(), jerk.values);
     position.acceleration = acceleration.values;
     jerk.position = position;
+    response = jerk.response();
     return fit;
   }
 
@@ -138,14 +140,15 @@ PyObject *make_limits(PyTypeObject *type, PyObject *given, PyObject *) {
 
 // Names of the attributes of a `JointMotion`.
 PyObject *POSITIONS_NAME, *VELOCITY_NAME, *ELAPSED_NAME, *PENDING_NAME, *DURATION_NAME,
-    *ACCELERATION_NAME, *BEFORE_NAME, *DEMAND_NAME;
+    *ACCELERATION_NAME, *BEFORE_NAME, *DEMAND_NAME, *DEMANDED_NAME;
 
 // Names are interned once; false where there is no memory.
 bool intern_motion_names() {
   return intern(POSITIONS_NAME, "positions") && intern(VELOCITY_NAME, "velocity")
       && intern(ELAPSED_NAME, "elapsed") && intern(PENDING_NAME, "pending")
       && intern(DURATION_NAME, "duration") && intern(ACCELERATION_NAME, "acceleration")
-      && intern(BEFORE_NAME, "before") && intern(DEMAND_NAME, "demand");
+      && intern(BEFORE_NAME, "before") && intern(DEMAND_NAME, "demand")
+      && intern(DEMANDED_NAME, "demanded");
 }
 
 // A `JointMotion` of n joints that Python has; `fits` where it is one.
@@ -153,7 +156,7 @@ class GivenMotion {
  public:
   GivenMotion(PyObject *given, size_t n)
       : positions_(n), velocity_(n), upwards_(n), downwards_(n), command_(n), acceleration_(n),
-        demand_(n) {
+        demand_(n), demanded_(n) {
     const Held pending(PyObject_GetAttr(given, PENDING_NAME));
     fits = read(given, ELAPSED_NAME, motion.elapsed) && read(given, DURATION_NAME, motion.duration)
         && read(given, POSITIONS_NAME, positions_) && read(given, VELOCITY_NAME, velocity_)
@@ -164,7 +167,8 @@ class GivenMotion {
       if (fits) add_pending(command_.data(), int(n), upwards_.data(), downwards_.data());
     }
     fits = fits && read_if_known(given, ACCELERATION_NAME, acceleration_, motion.acceleration)
-        && read_if_known(given, DEMAND_NAME, demand_, motion.demand);
+        && read_if_known(given, DEMAND_NAME, demand_, motion.demand)
+        && read_if_known(given, DEMANDED_NAME, demanded_, motion.demanded);
     motion.positions = positions_.data();
     motion.velocity = velocity_.data();
     motion.upwards = upwards_.data();
@@ -201,7 +205,8 @@ class GivenMotion {
     return array && (array == Py_None || copy(array, found));
   }
 
-  Numbers positions_, velocity_, upwards_, downwards_, command_, acceleration_, demand_;
+  Numbers positions_, velocity_, upwards_, downwards_, command_, acceleration_, demand_,
+      demanded_;
 };
 
 // box(motion, lower, upper): fill in lower and upper (n,); see `Limits::box`.

@@ -197,7 +197,8 @@ def test_cycles_with_jerk_limits_are_those_of_step(delay, scaling):
     robot = Robot.from_file(robots.PANDA_DH, limits={
         name: {'acceleration': 7.5, 'jerk': 200.0} for name in panda().joint_names})
     one, other = pair(STACK, robot, command_delay=delay, scaling=scaling, blend=0.05)
-    records, q, rng = counting(one), READY, np.random.default_rng(0)
+    # In no cycle do two joints reach their bounds in a tie, which each side may break its way.
+    records, q, rng = counting(one), READY, np.random.default_rng(1)
     for cycle in range(200):
         now = 0.01 * cycle - 0.004 * (cycle % 2)
         if cycle % 60 == 10:

@@ -39,9 +39,10 @@ class Joints:
         self.h = self.before = period
         self.second = 0.0 * self.q
 
-    def bounds(self, demand=None, at=None):
+    def bounds(self, demand=None, at=None, demanded=None):
         """Return the bounds of the next command."""
-        motion = JointMotion(self.q, self.v, self.h, (), self.period, self.a, self.before, demand)
+        motion = JointMotion(self.q, self.v, self.h, (), self.period, self.a, self.before, demand,
+                             demanded)
         return (at or self.limits.box)(motion)
 
     def follow(self, command, hold):
@@ -119,13 +120,42 @@ def test_a_demand_is_reached_soon_and_not_passed(jerk):
     assert times * T == pytest.approx(fastest, abs=4.0 * T)
 
 
-def test_an_acceleration_that_one_cycle_takes_back_is_free():
+def test_the_other_way_is_free_as_far_as_one_cycle_takes_back():
     joints = Joints(limits_of(velocity=[9.0], jerk=[100.0]), [0.0])
     lower, upper = joints.bounds(np.zeros(1))
-    assert (lower[0], upper[0]) == pytest.approx((-0.01, 0.01))
-    joints.follow(np.array([0.01]), T)
-    # The jerk alone allows up to 0.03.
-    assert joints.bounds(np.zeros(1))[1][0] == pytest.approx(0.02)
+    # The jerk alone allows up to 0.01, and then 0.02.
+    assert (lower[0], upper[0]) == pytest.approx((-0.005, 0.005))
+    joints.follow(np.array([0.005]), T)
+    assert joints.bounds(np.zeros(1))[1][0] == pytest.approx(0.005)
+
+
+def test_a_joint_compensates_up_to_half_of_what_the_fastest_demands():
+    joints = Joints(limits_of(velocity=[9.0, 3.0, math.inf], jerk=[100.0] * 3), np.zeros(3))
+    demand, found = np.array([1.8, 0.0, 0.0]), []
+    for _ in range(100):
+        command = joints.bounds(demand)[0]
+        # A change of v takes up to j T of acceleration back.
+        assert (command >= joints.v - 0.01 - 1e-12)[1:].all()
+        joints.follow(command, T)
+        found.append(command)
+    # A fifth of the velocity limit is demanded.
+    assert found[-1][1:] == pytest.approx([-0.3 - 0.005, -0.005])
+
+
+@pytest.mark.parametrize('share', [0.25, 1.0])
+def test_a_demand_that_falls_as_the_joint_moves_is_not_passed_by_as_much(share):
+    # Bounds that know how fast the demand falls end the acceleration earlier.
+    joints = Joints(limits_of(velocity=[9.0], jerk=[100.0]), [0.0])
+    joints.v, joints.a = np.array([1.0]), np.array([2.0])
+    known = joints.bounds(np.array([1.05]), demanded=np.array([1.05 + 0.1 * share]))[1][0]
+    unknown = joints.bounds(np.array([1.05]))[1][0]
+    # Half of the fall of 10 or 2.5 rad/s² is expected to last.
+    gap, fall = 0.05, 5.0 * share
+    assert known == pytest.approx(max(
+        1.0 + T * (math.sqrt(200.0 * (gap + T * fall)) - 0.5 - fall), 1.0 + T * 1.0))
+    assert known < unknown
+    rising = joints.bounds(np.array([1.05]), demanded=np.array([0.95]))[1][0]
+    assert rising == pytest.approx(unknown)
 
 
 def test_a_lowered_velocity_limit_is_approached_without_a_jump():
@@ -145,7 +175,7 @@ def test_a_joint_outside_its_range_returns_within_its_jerk():
     limits = limits_of(lower=[-1.0], upper=[1.0], velocity=[2.0], acceleration=[8.0], jerk=[100.0])
     joints = Joints(limits, [1.2])
     for _ in range(200):
-        demand = np.array([-0.4]) if joints.q[0] > 1.0 else np.zeros(1)
+        demand = np.array([-0.4 if joints.q[0] > 1.0 else 2.0])
         lower, upper = joints.bounds(demand)
         joints.follow(np.clip(2.0, lower, upper), T)
         assert joints.second[0] <= 100.0 * (1.0 + 1e-9) and joints.v[0] >= -0.4 - 1e-9
@@ -162,13 +192,14 @@ def test_the_core_has_the_same_bounds(seed, delay):
     jerk = np.where(rng.random(n) < 0.2, np.inf, 10.0 ** rng.uniform(0.0, 4.0, n))
     jerk[0] = 1.0
     limits = limits_of(period, rng.uniform(0.05, 1.0) / period, lower=-upper, upper=upper,
-                       velocity=rng.uniform(0.1, 5.0, n), acceleration=acceleration, jerk=jerk)
+                       velocity=rng.choice([0.0, math.inf, *rng.uniform(0.1, 5.0, 8)], n),
+                       acceleration=acceleration, jerk=jerk)
     assert limits.compiled is not None
     motion = JointMotion(
         rng.uniform(-1.2, 1.2, n) * np.minimum(upper, 10.0), rng.normal(size=n),
         rng.uniform(1e-4, 0.2), tuple(rng.normal(size=(delay, n))), rng.uniform(1e-4, period),
         rng.normal(size=n) * 5.0, rng.uniform(1e-4, 0.2),
-        rng.normal(size=n) if rng.random() < 0.5 else None)
+        *(rng.normal(size=n) if rng.random() < 0.7 else None for _ in range(2)))
     np.testing.assert_allclose(limits.box(motion), limits.box_by_reference(motion),
                                rtol=1e-12, atol=1e-12)
 
@@ -255,6 +286,35 @@ def test_a_robot_leaves_a_singularity_within_its_jerk():
         q = q + T * v
     assert left
     assert np.linalg.norm(robot.state(q).pose(frame)[:2, 3] - 0.5 * tip[:2]) < 1e-2
+
+
+def test_commands_lag_by_a_part_of_the_time_to_the_largest_acceleration():
+    limits = limits_of(velocity=[2.0, 2.0, math.inf, 1.0], acceleration=[8.0, math.inf, 9.0, 9.0],
+                       jerk=[100.0, 50.0, math.inf, math.inf])
+    # Without an acceleration limit, what leads to the velocity limit.
+    assert limits.response == pytest.approx(0.03 * 10.0 / 50.0)
+    assert limits_of(velocity=[math.inf], jerk=[100.0]).response == 0.0
+
+
+@pytest.mark.parametrize(('rate', 'jerk'), [(100, 300.0), (100, 100.0), (500, 1000.0)])
+def test_an_arm_that_a_goal_stretches_comes_to_rest(rate, jerk):
+    names = robots.planar().joint_names
+    robot = Robot.from_file(robots.PLANAR_DH, limits={
+        name: {'acceleration': 15.0, 'jerk': jerk} for name in names})
+    controller = Controller(robot, Stack.from_yaml(
+        '- tip: {type: position, frame: link3, axes: xy, gain: 2.0}\n'
+        '- posture: {type: posture, gain: 0.5}\n', robot), Settings(period=1.0 / rate))
+    q = np.array([0.3, 1.0, 0.5])
+    controller.update(q, 0.0)
+    tip = robot.state(np.array([0.8, 0.0, 0.0])).pose('link3')[:3, 3]
+    controller.set_goal('tip', 1.4 * tip, 0.0)
+    fastest = []
+    for cycle in range(10 * rate):
+        command = controller.update(q, cycle / rate)
+        q = q + command.velocity / rate
+        fastest.append(np.abs(command.velocity).max())
+    assert max(fastest[:rate]) > 0.5
+    assert max(fastest[-rate:]) < 3e-3
 
 
 def test_after_a_stop_a_robot_starts_from_rest():
