@@ -11,7 +11,27 @@ import numpy as np
 from processes_harness import DEADLINE
 import pytest
 from std_msgs.msg import Float64MultiArray
-from test_processes import heads, LIMITED, replaced, STACK, TASK
+from std_srvs.srv import Trigger
+from test_processes import (
+    BUSY,
+    call_reload,
+    CYCLE,
+    heads,
+    LIMITED,
+    look_at_markers,
+    look_at_the_status,
+    PARAMETERS,
+    PARSING,
+    READING,
+    replaced,
+    send_goal,
+    set_a_parameter,
+    SKETCH,
+    SLEEP,
+    STACK,
+    STATUS,
+    TASK,
+)
 from trajectory_msgs.msg import JointTrajectory
 
 __all__ = ['heads', 'replaced']
@@ -58,6 +78,11 @@ class Positions:
         """Return whether the robot is commanded to move, not slowly any more."""
         return len(self.sent) > 10 and np.abs(self.sent[-1][1] - self.sent[0][1]).max() > 0.3
 
+    def stand(self):
+        """Return whether the last positions are the same."""
+        return len(self.sent) > 5 and np.ptp([each for _, each in self.sent[-5:]], axis=0).max() \
+            < 1e-9
+
     def arrives(self):
         """Wait until the robot stands at the last position, or one that it heard before."""
         self._listener.wait(lambda: np.allclose(
@@ -91,6 +116,15 @@ def moving(listener, start, positions, output):
                    *LIMITED), start('simulator_node'))
     listener.wait(positions.moving, 'motion', nodes)
     return nodes
+
+
+@pytest.fixture
+def changed(replaced, listener, positions, output, monkeypatch):
+    """Return what starts a moving planar arm whose controller has a part replaced."""
+    # Its fixture waits for velocities.
+    monkeypatch.setattr(listener, 'moving', positions.moving)
+    return lambda part, act, *arguments: replaced(
+        part, act, '-p', f'output:={output}', *LIMITED, *arguments)
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -133,12 +167,81 @@ def test_a_controller_that_was_stopped_goes_on_from_the_last_position(moving, li
     positions.check()
 
 
+def test_a_fault_of_the_loop_ends_the_node_and_is_told_and_the_robot_stands(
+        changed, listener, positions, heads, tmp_path):
+    controller = changed(CYCLE, "raise RuntimeError('broken')")
+    (tmp_path / 'switch').touch()
+    assert controller.process.wait(DEADLINE) != 0
+    listener.wait(lambda: heads and heads[-1] == 'ended: RuntimeError: broken', 'the last status')
+    listener.catch_up()
+    positions.arrives()
+    positions.check()
+
+
+@pytest.mark.parametrize('part, trigger, act, number', [
+    (READING, call_reload, BUSY, signal.SIGTERM), (SKETCH, look_at_markers, SLEEP, signal.SIGQUIT),
+    (PARSING, send_goal, SLEEP, signal.SIGINT), (STATUS, look_at_the_status, SLEEP, signal.SIGINT),
+    (PARAMETERS, set_a_parameter, SLEEP, signal.SIGHUP)],
+    ids=['stack', 'sketch', 'goal', 'status', 'parameter'])
+def test_a_signal_stops_the_robot_whatever_hangs(changed, listener, positions, heads, tmp_path,
+                                                 part, trigger, act, number):
+    controller = changed(part, f'switch.rename(f"{{switch}}ed"); {act}')
+    (tmp_path / 'switch').touch()
+    triggered = trigger(listener)
+    listener.wait((tmp_path / 'switched').exists, 'the fault', [controller])
+    assert not positions.stand()
+    begin = time.time()
+    controller.process.send_signal(number)
+    listener.wait(lambda: heads and heads[-1] == f'ended by {number.name}', 'the last status')
+    assert controller.process.wait(DEADLINE) == 1
+    listener.catch_up()
+    last = np.array(positions.since(begin)[-3:])
+    assert np.ptp(last, axis=0).max() < 1e-3 or positions.late(begin)
+    positions.arrives()
+    positions.check()
+    del triggered
+
+
+def test_positions_stay_while_a_task_never_returns_and_ctrl_c_ends_the_node(
+        changed, listener, positions, heads, tmp_path):
+    controller = changed(TASK, 'while True: pass')
+    (tmp_path / 'switch').touch()
+    listener.wait(lambda: 'no cycle was completed within watchdog_timeout' in heads, 'the reason',
+                  [controller])
+    listener.wait(positions.stand, 'rest', [controller])
+    # Once the robot has not been seen for a while, nothing is sent.
+    still = positions.sent[-1][1]
+    controller.process.send_signal(signal.SIGINT)
+    controller.process.wait(DEADLINE)
+    listener.wait(lambda: heads[-1] == 'ended by SIGINT', 'the last status')
+    listener.catch_up()
+    assert np.abs(positions.sent[-1][1] - still).max() < 1e-9
+    positions.check()
+
+
+def test_positions_go_on_while_a_stack_is_read_and_a_stop_does_not_wait(changed, listener,
+                                                                        positions, tmp_path):
+    controller = changed(READING, 'switch.unlink(); time.sleep(3.0); Path(f"{switch}ed").touch()',
+                         '-p', 'state_timeout:=5.0', '-p', 'watchdog_timeout:=5.0')
+    buttons = {name: listener.client.node.create_client(Trigger, f'/tp_controller/{name}')
+               for name in ('reload', 'stop')}
+    for button in buttons.values():
+        listener.wait(button.service_is_ready, 'the service', [controller])
+    (tmp_path / 'switch').touch()
+    buttons['reload'].call_async(Trigger.Request())
+    listener.wait(lambda: not (tmp_path / 'switch').exists(), 'the beginning', [controller])
+    listener.wait_for_more(positions.sent, 20)
+    assert not positions.stand() and not (tmp_path / 'switched').exists()
+    answer = buttons['stop'].call_async(Trigger.Request())
+    listener.wait(answer.done, 'the answer', [controller])
+    assert answer.result().success and not (tmp_path / 'switched').exists()
+    listener.wait(positions.stand, 'rest', [controller])
+    positions.check()
+
+
 def test_the_watchdog_sends_the_last_position_while_a_task_takes_a_second(
-        replaced, listener, positions, heads, tmp_path, output, monkeypatch):
-    # Its fixture waits for velocities.
-    monkeypatch.setattr(listener, 'moving', positions.moving)
-    controller = replaced(TASK, 'switch.unlink(); time.sleep(1.0)', '-p', 'status_rate:=50.0',
-                          '-p', f'output:={output}', *LIMITED)
+        changed, listener, positions, heads, tmp_path):
+    controller = changed(TASK, 'switch.unlink(); time.sleep(1.0)', '-p', 'status_rate:=50.0')
     (tmp_path / 'switch').touch()
     told = 'no cycle was completed within watchdog_timeout'
     listener.wait(lambda: any(told in head for head in heads), 'the reason', [controller])

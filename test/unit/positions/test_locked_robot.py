@@ -78,7 +78,7 @@ def test_base_stays_along_a_locked_velocity():
 @pytest.mark.parametrize(('locked', 'told'), [
     (['joint4'], "unknown driven joint 'joint4'"),
     ('panda_joint4', "must be a list of names, not 'panda_joint4'"),
-    (iter(['panda_joint4']), 'must be a list of names')], ids=str)
+    (iter(['panda_joint4']), 'must be a list of names')], ids=['unknown', 'word', 'iterator'])
 def test_lock_of_no_known_joints_is_refused(locked, told):
     robot = robots.panda()
     with pytest.raises(RobotError, match=told):
