@@ -85,7 +85,7 @@ class Positions:
 
     def arrives(self):
         """Wait until the robot stands at the last position, or one that it heard before."""
-        self._listener.wait(lambda: np.allclose(
+        self._listener.wait(lambda: self._listener.states and np.allclose(
             self._listener.states[-1][0], self.sent[-1][1], atol=0.05)
             and not self._listener.states[-1][1].any(), 'a robot at rest')
 
