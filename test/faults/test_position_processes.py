@@ -13,7 +13,9 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from test_processes import (
+    begin_reading,
     BUSY,
+    buttons,
     call_reload,
     CYCLE,
     heads,
@@ -223,16 +225,11 @@ def test_positions_go_on_while_a_stack_is_read_and_a_stop_does_not_wait(changed,
                                                                         positions, tmp_path):
     controller = changed(READING, 'switch.unlink(); time.sleep(3.0); Path(f"{switch}ed").touch()',
                          '-p', 'state_timeout:=5.0', '-p', 'watchdog_timeout:=5.0')
-    buttons = {name: listener.client.node.create_client(Trigger, f'/tp_controller/{name}')
-               for name in ('reload', 'stop')}
-    for button in buttons.values():
-        listener.wait(button.service_is_ready, 'the service', [controller])
-    (tmp_path / 'switch').touch()
-    buttons['reload'].call_async(Trigger.Request())
-    listener.wait(lambda: not (tmp_path / 'switch').exists(), 'the beginning', [controller])
+    reload, stop = buttons(listener, 'reload', 'stop', nodes=[controller])
+    begin_reading(listener, reload, tmp_path / 'switch', [controller])
     listener.wait_for_more(positions.sent, 20)
     assert not positions.stand() and not (tmp_path / 'switched').exists()
-    answer = buttons['stop'].call_async(Trigger.Request())
+    answer = stop.call_async(Trigger.Request())
     listener.wait(answer.done, 'the answer', [controller])
     assert answer.result().success and not (tmp_path / 'switched').exists()
     listener.wait(positions.stand, 'rest', [controller])

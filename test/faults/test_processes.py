@@ -242,11 +242,27 @@ BUSY = 'exec("while True: pass")'
 THREAD = 'import threading; threading.Thread(target=time.sleep, args=(3600.0,)).start()'
 
 
+def buttons(listener, *names, nodes=()):
+    """Return the clients of services of the controller, which are ready."""
+    found = [listener.client.node.create_client(Trigger, f'/tp_controller/{name}')
+             for name in names]
+    for each in found:
+        listener.wait(each.service_is_ready, 'the service', nodes)
+    return found
+
+
 def call_reload(listener):
     """Call ~/reload, and return what has to be alive for it."""
-    reload = listener.client.node.create_client(Trigger, '/tp_controller/reload')
-    listener.wait(reload.service_is_ready, 'the service')
+    reload, = buttons(listener, 'reload')
     return reload.call_async(Trigger.Request())
+
+
+def begin_reading(listener, reload, switch, nodes):
+    """Call ~/reload, and return its future once the stack is being read."""
+    switch.touch()
+    answer = reload.call_async(Trigger.Request())
+    listener.wait(lambda: not switch.exists(), 'the beginning', nodes)
+    return answer
 
 
 def look_at_markers(listener):
@@ -378,11 +394,8 @@ def test_commands_go_on_while_a_stack_is_read(replaced, listener, tmp_path):
     # its own.
     controller = replaced(READING, 'switch.unlink(); time.sleep(1.5); Path(f"{switch}ed").touch()',
                           '-p', 'state_timeout:=5.0', '-p', 'watchdog_timeout:=5.0')
-    reload = listener.client.node.create_client(Trigger, '/tp_controller/reload')
-    listener.wait(reload.service_is_ready, 'the service', [controller])
-    (tmp_path / 'switch').touch()
-    answer = reload.call_async(Trigger.Request())
-    listener.wait(lambda: not (tmp_path / 'switch').exists(), 'the beginning', [controller])
+    reload, = buttons(listener, 'reload', nodes=[controller])
+    answer = begin_reading(listener, reload, tmp_path / 'switch', [controller])
     begin = time.time()
     listener.wait((tmp_path / 'switched').exists, 'the end', [controller])
     listener.wait(answer.done, 'the answer', [controller])
@@ -394,14 +407,9 @@ def test_commands_go_on_while_a_stack_is_read(replaced, listener, tmp_path):
 
 def test_a_stop_does_not_wait_until_a_stack_has_been_read(replaced, listener, tmp_path):
     controller = replaced(READING, 'switch.unlink(); time.sleep(3.0); Path(f"{switch}ed").touch()')
-    buttons = {name: listener.client.node.create_client(Trigger, f'/tp_controller/{name}')
-               for name in ('reload', 'stop')}
-    for button in buttons.values():
-        listener.wait(button.service_is_ready, 'the service', [controller])
-    (tmp_path / 'switch').touch()
-    buttons['reload'].call_async(Trigger.Request())
-    listener.wait(lambda: not (tmp_path / 'switch').exists(), 'the beginning', [controller])
-    answer = buttons['stop'].call_async(Trigger.Request())
+    reload, stop = buttons(listener, 'reload', 'stop', nodes=[controller])
+    begin_reading(listener, reload, tmp_path / 'switch', [controller])
+    answer = stop.call_async(Trigger.Request())
     listener.wait(answer.done, 'the answer', [controller])
     listener.wait(lambda: not listener.moving(), 'zeros', [controller])
     assert answer.result().success and not (tmp_path / 'switched').exists()
