@@ -99,8 +99,7 @@ class Layout(NamedTuple):
             tuple(numbers[first + delay * n:][:len(self.active)].tolist()),
             escape=Escape(int(tries), int(nudges),
                           None if math.isnan(still_since) else still_since),
-            demand=demand if self.options.limits.follow_demand and np.isfinite(demand).all()
-            else None)
+            demand=None if np.isnan(demand).any() else demand)
 
     def pack(self, memory: CycleMemory) -> bytes | None:
         """Return a memory as the beginning of a record; None during a transition or a nudge."""

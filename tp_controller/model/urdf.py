@@ -141,16 +141,15 @@ def _check_numbers(slim: Element) -> None:
         for element in part.iter():
             where = f'{part.tag} {part.get("name")!r}, {element.tag}'
             for key, count in NUMBERS.get(element.tag, {}).items():
-                if key in element.keys():
-                    found = _finite(element.get(key, ''))
-                    if len(found) != count:
-                        needed = 'a finite number' if count == 1 else f'{count} finite numbers'
-                        raise RobotError(f'{where}: {key} needs {needed}, '
-                                         f'got {element.get(key)!r}')
-                    if element.tag == 'axis' and part.get('type') in MOVING_TYPES \
-                            and not any(found):
-                        raise RobotError(f'{where}: an axis needs a direction, '
-                                         f'not {element.get(key)!r}')
+                text = element.get(key)
+                if text is None:
+                    continue
+                found = _finite(text)
+                if len(found) != count:
+                    needed = 'a finite number' if count == 1 else f'{count} finite numbers'
+                    raise RobotError(f'{where}: {key} needs {needed}, got {text!r}')
+                if element.tag == 'axis' and part.get('type') in MOVING_TYPES and not any(found):
+                    raise RobotError(f'{where}: an axis needs a direction, not {text!r}')
 
 
 def _finite(text: str) -> list[float]:

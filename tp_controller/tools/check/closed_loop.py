@@ -4,7 +4,6 @@
 """Closed loop without ROS, from a random start to random reachable goals."""
 
 from collections import Counter
-from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 import math
@@ -149,16 +148,14 @@ class Loop:
         self.simulator.step(self.setup.period)
         self.cycles += 1
 
-    def run(self, seconds: float, names: Collection[str] = (), tolerant: bool = True) -> str:
+    def run(self, seconds: float, tolerant: bool = True) -> str:
         """
-        Run until some tasks stay satisfied, the robot is at rest, or the time is up.
+        Run until all tasks stay satisfied, the robot is at rest, or the time is up.
 
         Parameters
         ----------
         seconds : float
             Longest time [s].
-        names : collection of str
-            Names of the tasks; empty: all.
         tolerant : bool
             Whether errors within tolerances count as satisfied; else only rest ends the run.
 
@@ -181,8 +178,7 @@ class Loop:
                 continue
             self._read(command)
             if tolerant and all(since + REACHED_SECONDS <= self.now
-                                for name, since in self.since.items()
-                                if not names or name in names):
+                                for since in self.since.values()):
                 return REACHED
             if still + REST_SECONDS <= self.now:
                 return AT_REST
