@@ -123,7 +123,7 @@ struct CauseSearch {
     SolvedCycle cycle;
     cycle.motion = kind.motion(solver.arena, positions, memory, head[2], after.time());
     cycle.gain = kind.limits.limits.position.gain_of(cycle.motion);
-    cycle.hold = after.time().mean + kind.limits.limits.response;
+    cycle.hold = kind.hold(after.time());
     cycle.slowed = head[0];
     cycle.x = cycle.whole = after.velocity();
     // Bounds, transient ones among them, and the demand that they follow.

@@ -25,6 +25,16 @@ struct JerkLimit {
 
   bool in_force() const { return !values.empty(); }
 
+  // Let the joints follow velocities that the tasks demand.
+  void follow(JointMotion &motion, const double *demand) const {
+    motion.demand = demand;
+    motion.compensation = 0.0;
+    for (size_t j = 0; j < values.size(); ++j)
+      if (speed(j) > 0.0)
+        motion.compensation = std::max(motion.compensation,
+                                       COMPENSATION * std::fabs(demand[j]) / speed(j));
+  }
+
   // Time by which commands lag behind what the tasks demand.
   double response() const {
     double longest = 0.0;
@@ -82,11 +92,7 @@ struct JerkLimit {
     const double wanted = rate + approach(demand - last - h * rate, h, jerk);
     // The other way: as much acceleration as one cycle takes back, up to a velocity in a share of
     // the largest demand, so that joints at rest come to rest.
-    double share = 0.0;
-    for (size_t k = 0; k < values.size(); ++k)
-      if (speed(k) > 0.0)
-        share = std::max(share, COMPENSATION * std::fabs(motion.demand[k]) / speed(k));
-    const double more = 0.5 * free + share * speed(j) / h;
+    const double more = 0.5 * free + motion.compensation * speed(j) / h;
     const double up = std::min(std::max((demand - last) / h + more, 0.0), free);
     const double down = std::min(std::max((last - demand) / h + more, 0.0), free);
     return {std::min(wanted, rate - down), std::max(wanted, rate + up)};

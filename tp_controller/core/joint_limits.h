@@ -41,6 +41,8 @@ struct JointMotion {
   const double *demand;
   // The same of the cycle before, where it is known; else null, or not numbers.
   const double *demanded;
+  // By how much joints may move against their demand, as a share of their velocity limits.
+  double compensation;
 };
 
 // Add a pending command to the sums in each direction.

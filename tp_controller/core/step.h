@@ -90,6 +90,9 @@ class ControlCycle {
     groups_ = std::move(groups);
   }
 
+  // How long a command acts before the next one takes it back, at a time.
+  double hold(const CycleTime &time) const { return time.mean + limits.limits.response; }
+
   // The motion of the joints, as their limits see it, after the cycle that left `before`.
   JointMotion motion(Arena &arena, const double *positions, CycleMemory &before,
                      double since, const CycleTime &time) const {
@@ -97,7 +100,7 @@ class ControlCycle {
     double *upwards = arena.zeros(n), *downwards = arena.zeros(n);
     for (int i = 0; i < delay; ++i) add_pending(before.pending(i), n, upwards, downwards);
     return {positions, before.velocity(), since, time.longest_hold(period), delay, upwards,
-            downwards, before.acceleration(), before.before(), nullptr, before.demand()};
+            downwards, before.acceleration(), before.before(), nullptr, before.demand(), 0.0};
   }
 
   // Compute the cycle at positions where the robot is; `measured`: time since the last command.
@@ -148,7 +151,7 @@ class ControlCycle {
       const std::vector<double> remembered = solver.memory;
       limits.box(its, true, lower, upper);
       solve(time);
-      its.demand = demand = solver.x;
+      limits.limits.jerk.follow(its, demand = solver.x);
       limits.box(its, false, lower, upper);
       if (!solver.looped && is_within(demand)) return;
       solver.clear();
@@ -167,7 +170,7 @@ class ControlCycle {
   }
 
   void solve(const CycleTime &time) {
-    solver.solve(lower, upper, time.mean + limits.limits.response, cap.empty() ? nullptr : cap.data());
+    solver.solve(lower, upper, hold(time), cap.empty() ? nullptr : cap.data());
   }
 
   std::vector<Group> groups_;

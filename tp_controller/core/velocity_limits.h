@@ -218,7 +218,9 @@ PyObject *limits_box(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   try {
     const GivenMotion its(given[0], size_t(limits.size()));
     if (!its.fits) return refuse("the motion is not one of these joints");
-    limits.box(its.motion, false, lower.p(), upper.p());
+    JointMotion motion = its.motion;
+    if (motion.demand) limits.limits.jerk.follow(motion, motion.demand);
+    limits.box(motion, false, lower.p(), upper.p());
   } catch (const std::bad_alloc &) {
     return PyErr_NoMemory();
   }
