@@ -3,7 +3,9 @@
 
 from glob import glob
 import os
+from pathlib import Path
 import re
+import runpy
 import sys
 import sysconfig
 
@@ -37,6 +39,8 @@ style = ['ruff<0.18', 'flake8<8', 'flake8-builtins<4', 'flake8-comprehensions<4'
 
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
+# The core is loaded only beside the sources that it was built from.
+sources = runpy.run_path(package_name + '/core/sources.py')['digest'](Path(package_name, 'core'))
 # It does no more than Python does in its place where there is no compiler, but faster.
 extensions = [
     Extension(
@@ -45,7 +49,8 @@ extensions = [
         # The same digits on every processor: no fused products.
         extra_compile_args=['-std=c++17', '-O3', '-ffp-contract=off', '-fno-math-errno',
                             '-fopenmp-simd', '-g0'],
-        define_macros=[('Py_LIMITED_API', '0x030b0000')] if LIMITED else [],
+        define_macros=[('SOURCES', f'{sources:#x}ULL'),
+                       *([('Py_LIMITED_API', '0x030b0000')] if LIMITED else [])],
         py_limited_api=LIMITED, optional=True)]
 
 

@@ -104,5 +104,6 @@ PyMODINIT_FUNC PyInit_extension(void) {
                                            SEARCH_METHODS)},
       {"Step", make_type<StackCycle>("tp_controller.core.extension.Step", make_step,
                                      STEP_METHODS)},
-      {"CONSTANTS", constants()}});
+      {"CONSTANTS", constants()},
+      {"SOURCES", PyLong_FromUnsignedLongLong(SOURCES)}});
 }

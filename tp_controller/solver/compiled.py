@@ -12,11 +12,13 @@ selects the solver: ``python``, or ``compiled``, which fails if there is no core
 from functools import cached_property
 from importlib import import_module
 import os
+from pathlib import Path
 from struct import Struct
 from types import ModuleType
 from typing import Protocol
 
 import numpy as np
+from tp_controller.core.sources import digest
 from tp_controller.solver.damping import Damping
 from tp_controller.solver.errors import SolverError, unknown
 from tp_controller.solver.level import Array, Level
@@ -52,20 +54,30 @@ def load(wanted: str) -> ModuleType | None:
     Raises
     ------
     SolverError
-        The solver is unknown, or the core is requested and was not built.
+        The solver is unknown, or the core is requested and is missing or outdated.
 
     """
     if wanted and wanted not in SOLVERS:
         raise SolverError(f'{VARIABLE}: {unknown("solver", wanted, SOLVERS)}')
     if wanted == 'python':
         return None
+    found, reason = _find()
+    if wanted and reason:
+        raise SolverError(f'{VARIABLE} is {wanted}, but {reason}: install the package again where '
+                          'there is a C++ compiler')
+    return found
+
+
+def _find() -> tuple[ModuleType | None, str]:
+    """Return the core, or None and why it cannot run."""
     try:
-        return import_module('tp_controller.core.extension')
+        found = import_module('tp_controller.core.extension')
     except ImportError as error:
-        if wanted:
-            raise SolverError(f'{VARIABLE} is {wanted}, but the core was not built: install the '
-                              f'package again where there is a C++ compiler ({error})') from error
-        return None
+        return None, f'the compiled core is missing ({error})'
+    # An installed package has no sources.
+    if digest(Path(__file__).parents[1] / 'core') not in (0, getattr(found, 'SOURCES', None)):
+        return None, 'the compiled core was built from other sources than those beside it'
+    return found, ''
 
 
 core = load(os.environ.get(VARIABLE, ''))
@@ -81,8 +93,8 @@ def fallback_reason() -> str:
     """Return the reason for running the reference without being selected; empty if none."""
     if core is not None or os.environ.get(VARIABLE):
         return ''
-    return ('the compiled core is missing, so the solver in Python runs, 3 to 9 times as slow; '
-            f'install a C++ compiler, then this package again ({VARIABLE}=python accepts it)')
+    return (f'{_find()[1]}, so the solver in Python runs, 3 to 9 times as slow; install a C++ '
+            f'compiler, then this package again ({VARIABLE}=python accepts it)')
 
 
 def left_to_the_reference() -> int:

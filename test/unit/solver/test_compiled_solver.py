@@ -13,12 +13,14 @@ import shutil
 import subprocess
 import sys
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 from problems import masked_cycle, OPTIONS, random_cycle, redistribute
 import pytest
 from reference import random_levels
 from tp_controller import Level, solve, SolverError
+from tp_controller.core.sources import digest
 from tp_controller.solver import (
     compiled,
 )
@@ -522,6 +524,27 @@ def test_solver_is_chosen_by_name(monkeypatch):
 def test_a_missing_core_is_reported_unless_the_reference_was_chosen(monkeypatch, chosen, told):
     monkeypatch.setenv(compiled.VARIABLE, chosen)
     assert ('install a C++ compiler' in compiled.fallback_reason()) is told
+
+
+@pytest.mark.solvers('python')
+@pytest.mark.parametrize('older', [SimpleNamespace(SOURCES=1), SimpleNamespace()])
+def test_an_outdated_core_is_not_loaded(monkeypatch, older):
+    monkeypatch.delenv(compiled.VARIABLE, raising=False)
+    monkeypatch.setitem(sys.modules, 'tp_controller.core.extension', older)
+    assert compiled.load('') is None
+    assert 'built from other sources' in compiled.fallback_reason()
+    with pytest.raises(SolverError, match='built from other sources.*install the package again'):
+        compiled.load('compiled')
+
+
+def test_every_file_counts_in_the_digest_of_the_sources(tmp_path):
+    assert digest(tmp_path) == 0
+    found = set()
+    for name, text in (('a.h', 'x'), ('b.cpp', 'y'), ('b.cpp', 'z'), ('c.h', '')):
+        (tmp_path / name).write_text(text)
+        found.add(digest(tmp_path))
+    (tmp_path / 'c.h').rename(tmp_path / 'd.h')
+    assert len(found | {digest(tmp_path)}) == 5
 
 
 def test_a_core_that_runs_is_not_reported_as_missing(monkeypatch):

@@ -80,5 +80,6 @@ def test_core_that_is_wanted_and_missing_ends_a_command_in_one_line(call):
         [sys.executable, '-c', WITHOUT_CORE, call], cwd=REPOSITORY, capture_output=True, text=True,
         timeout=60, env={**os.environ, 'TP_CONTROLLER_SOLVER': 'compiled'})
     line, = done.stderr.splitlines()
-    assert line.startswith('tp_controller: TP_CONTROLLER_SOLVER is compiled, but the core was not')
+    assert line.startswith(
+        'tp_controller: TP_CONTROLLER_SOLVER is compiled, but the compiled core is missing')
     assert done.returncode == 2 and done.stdout == ''
