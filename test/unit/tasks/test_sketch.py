@@ -4,6 +4,7 @@
 """What can be drawn of a task, compared with placements that Pinocchio computes on its own."""
 
 import math
+import queue
 import threading
 
 from hypothesis import given
@@ -453,7 +454,7 @@ STACK = f"""
 GOAL = [0.4, 0.3, 0.5, 0.0, 1.0, 0.0, 0.0]
 
 
-def velocities(controller, cycles=300):
+def velocities(controller, cycles=300, meanwhile=lambda: None):
     """Return what a robot that follows exactly is told to do (cycles, n)."""
     q, found = np.array(robots.PANDA_READY), []
     for cycle in range(cycles):
@@ -462,6 +463,8 @@ def velocities(controller, cycles=300):
             controller.set_goal('tool', GOAL, 0.0)
         found.append(command.velocity)
         q = q + 0.01 * command.velocity
+        if cycle % 10 == 9:
+            meanwhile()
     return np.array(found)
 
 
@@ -469,22 +472,23 @@ def test_pictures_change_no_command():
     robot = robots.panda()
     expected = velocities(Controller(robot, Stack.from_yaml(STACK, robot)))
     controller = Controller(robot, Stack.from_yaml(STACK, robot))
-    sketcher, made, over = Sketcher(robot, pytest.fail), [], threading.Event()
+    sketcher, made, over = Sketcher(robot, pytest.fail), queue.SimpleQueue(), threading.Event()
 
     def draw():
         while not over.is_set():
-            made.append(sketcher.sketch(controller))
+            if picture := sketcher.sketch(controller):
+                made.put(picture)
 
-    beside = threading.Thread(target=draw)
+    beside, pictures = threading.Thread(target=draw), []
     beside.start()
     try:
-        found = velocities(controller)
+        # The loop waits for pictures: on a busy machine it may otherwise be over before one.
+        found = velocities(controller, meanwhile=lambda: pictures.append(made.get(timeout=60.0)))
     finally:
         over.set()
         beside.join()
     assert np.array_equal(found, expected)
-    complete = [each for each in made if each]
-    assert complete and set(complete[-1]) == {'clear', 'inside', 'tool', 'look', 'turn'}
+    assert set(pictures[-1]) == {'clear', 'inside', 'tool', 'look', 'turn'}
 
 
 def test_picture_is_of_the_last_cycle():
