@@ -40,7 +40,8 @@ style = ['ruff<0.18', 'flake8<8', 'flake8-builtins<4', 'flake8-comprehensions<4'
 # One build for every Python from 3.11 on: before it the limited API has no buffer protocol.
 LIMITED = sys.version_info >= (3, 11) and not sysconfig.get_config_var('Py_GIL_DISABLED')
 # The core is loaded only beside the sources that it was built from.
-sources = runpy.run_path(package_name + '/core/sources.py')['digest'](Path(package_name, 'core'))
+core = Path(__file__).resolve().parent / package_name / 'core'
+sources = runpy.run_path(str(core / 'sources.py'))['digest'](core)
 # It does no more than Python does in its place where there is no compiler, but faster.
 extensions = [
     Extension(
