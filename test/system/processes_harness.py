@@ -5,6 +5,7 @@
 
 from importlib.util import find_spec
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -23,6 +24,11 @@ LATE = 1.0
 # From one joint state of the simulator to the next, at least [s].
 STATE_PERIOD = 0.005
 STACK = '[{swing: {type: joint, joints: [joint1, joint2, joint3], target: [1, 1, 1]}}]'
+
+
+def hear_ctrl_c():
+    """Let a process end by SIGINT, also where these tests run in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 class Listener:

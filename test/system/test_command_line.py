@@ -23,7 +23,7 @@ import termios
 from monitor import promise_of
 import numpy as np
 from PIL import Image
-from processes_harness import command_line, DEADLINE, Listener
+from processes_harness import command_line, DEADLINE, hear_ctrl_c, Listener
 import pytest
 from robots import CONFIG, panda, PANDA_TOOL
 from tp_controller.ros.client.status import ControllerStatus, TaskStatus
@@ -220,11 +220,6 @@ def test_the_status_is_drawn_in_place_on_a_terminal(robot, domain):
     assert all(len(screen.splitlines()) == 3 for screen in screens[:-1])
     assert all(len(line) <= 40 for screen in screens[:-1] for line in screen.splitlines())
     assert told == 0 and ''.join(shown).endswith('\x1b[?25h')
-
-
-def hear_ctrl_c():
-    """Let a process end by SIGINT, also where these tests run in the background."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def read_terminal(environment, *arguments):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import termios
 
-from processes_harness import DEADLINE
+from processes_harness import DEADLINE, hear_ctrl_c
 import pytest
 
 STACK = '[carry: {type: twist, frame: link3, axes: xy}]'
@@ -33,7 +33,7 @@ def test_a_key_moves_the_robot_until_the_command_ends(domain, start, listener, t
     before = termios.tcgetattr(inner)
     program = subprocess.Popen(
         [sys.executable, '-m', 'tp_controller', 'teleop', 'carry'], env=domain, stdin=inner,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, preexec_fn=hear_ctrl_c)
 
     def pressed():
         # Keys of before the first answer wait in the terminal.

@@ -15,7 +15,7 @@ import sys
 import time
 from urllib.request import urlopen
 
-from processes_harness import command_line, DEADLINE
+from processes_harness import command_line, DEADLINE, hear_ctrl_c
 import pytest
 from robots import CONFIG
 from tp_controller.errors import TpControllerError
@@ -34,11 +34,6 @@ def taken():
         listener.bind(('127.0.0.1', 0))
         listener.listen()
         yield listener.getsockname()[1]
-
-
-def hear_ctrl_c():
-    """Let a process end by SIGINT, also where these tests run in the background."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def children_of(pid):
