@@ -25,6 +25,14 @@ from tp_controller.tasks.stack import Stack
 SHARE, MOST_GOALS_OF_A_CALL = 0.5, 200
 
 
+class GoalOfManyError(GoalError):
+    """Refusal of one of several goals; ``number`` is its number, from 0."""
+
+    def __init__(self, number: int, error: GoalError) -> None:
+        self.number = number
+        super().__init__(f'goal {number}: {error}')
+
+
 def solve_positions(robot: Robot, stack: Stack, goals: Mapping[str, Sequence[Goal]],
                     start: ArrayLike | None = None, jobs: int = -1, **options: Any
                     ) -> list[PositionSolution]:
@@ -124,7 +132,7 @@ def _solve_row(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], star
         return solver.solve({name: given[index] for name, given in goals.items()}, start,
                             **options)
     except GoalError as error:
-        raise GoalError(f'goal {index}: {error}') from error
+        raise GoalOfManyError(index, error) from error
 
 
 def _lists(goals: Mapping[str, Sequence[Goal]]) -> dict[str, Sequence[Goal]]:

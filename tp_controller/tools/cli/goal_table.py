@@ -25,11 +25,14 @@ class GoalTable(NamedTuple):
         {task: goals}, as many for all tasks.
     starts : list of dict
         {joint: position} where each search starts [rad or m]; empty for the start of all.
+    places : list of str
+        Words that begin a message about each call: file and line.
 
     """
 
     goals: dict[str, list[Any]]
     starts: list[dict[str, float]]
+    places: list[str]
 
 
 def parse_goals(texts: Sequence[str]) -> dict[str, Any]:
@@ -81,7 +84,8 @@ def read_table(path: Path) -> GoalTable:
         raise GoalError(f'{path}: line 1 needs a name for each column, each once, such as '
                         'tool.x,tool.y,tool.z')
     _check_parts(path, columns)
-    table = GoalTable({task: [] for task, _ in columns if task != 'start'}, [])
+    table = GoalTable({task: [] for task, _ in columns if task != 'start'},
+                      [], [where for where, _ in rows])
     for where, row in rows:
         values = _values(where, columns, row)
         table.starts.append(values.get('start', {}))

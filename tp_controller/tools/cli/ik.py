@@ -4,12 +4,13 @@
 """``tp_controller ik``: configurations at which the goals of a stack are reached."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import json
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TYPE_CHECKING
 
-from tp_controller.errors import RobotError, TpControllerError, unknown
+from tp_controller.errors import GoalError, RobotError, TpControllerError, unknown
 from tp_controller.tools.cli.command import Command
 from tp_controller.tools.cli.goal_table import GoalTable, parse_goals, read_table
 from tp_controller.tools.cli.robot_arguments import add_robot_arguments, refuse
@@ -51,8 +52,9 @@ def add_ik_arguments(parser: argparse.ArgumentParser) -> None:
     goals.add_argument('--csv', type=Path, metavar='FILE', help='goals of many searches')
     parser.add_argument('--start', action='append', default=[], type=assignment,
                         metavar='JOINT=POSITION',
-                        help='position where the search starts; once for each joint (default: as '
-                        'near to zero as the limits allow)')
+                        help='position where the search starts, or where a joint that is not '
+                        'driven stands; once for each joint (default: as near to zero as the '
+                        'limits allow)')
     parser.add_argument('--attempts', type=whole_count, default=40, metavar='N',
                         help='most descents of a search: the first from the start, the others '
                         'from random postures (default: 40)')
@@ -86,6 +88,7 @@ def run_ik(options: argparse.Namespace) -> int:
         0 if all goals are reached, 1 if some are not, 2 if an argument is not valid.
 
     """
+    from tp_controller.positions.solve_position import solve_position
     from tp_controller.tools.check.parameter_file import read, Refused
     if options.output and options.output.suffix not in ('.csv', '.json'):
         return refuse(f'{options.output}: needs the ending .csv or .json')
@@ -94,13 +97,16 @@ def run_ik(options: argparse.Namespace) -> int:
     try:
         given = read(options.params_file, options.stack, options.robot, options.base, None,
                      options.joints, options.xacro_arg)
-        table = read_table(options.csv) if options.csv else None
-        if table is None:
-            goals = parse_goals(options.goal)
-            table = GoalTable({task: [goal] for task, goal in goals.items()}, [{}])
-        found = _solve(given.robot, given.stack, table, options)
+        chosen = {'attempts': options.attempts, 'timeout': options.timeout, 'seed': options.seed,
+                  'criterion': options.criterion,
+                  'passive': _passive(given.robot, dict(options.start))}
+        if options.csv:
+            found = _solve(given.robot, given.stack, read_table(options.csv), options, chosen)
+        else:
+            found = [solve_position(given.robot, given.stack, parse_goals(options.goal),
+                                    _start(given.robot, options), **chosen)]
     except Refused as error:
-        return refuse('; '.join(' '.join(each) for each in error.messages()))
+        return refuse('; '.join(' '.join(filter(None, each)) for each in error.messages()))
     except TpControllerError as error:
         return refuse(str(error))
     print(_text(given.robot, found))
@@ -114,16 +120,13 @@ def run_ik(options: argparse.Namespace) -> int:
     return 0 if all(each.reached for each in found) else 1
 
 
-def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.Namespace
-           ) -> list['PositionSolution']:
-    """Return the results for all goals."""
+def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.Namespace,
+           chosen: dict[str, Any]) -> list['PositionSolution']:
+    """Return the results for all goals of a table; a `GoalError` has the line."""
     import numpy as np
     from tp_controller.positions.solve_position import solve_position
-    from tp_controller.positions.solve_positions import solve_positions
-    chosen = {'attempts': options.attempts, 'timeout': options.timeout, 'seed': options.seed,
-              'criterion': options.criterion}
-    common = dict(options.start)
-    starts = np.array([_start(robot, {**common, **own}) for own in table.starts]).reshape(
+    from tp_controller.positions.solve_positions import GoalOfManyError, solve_positions
+    starts = np.array([_start(robot, options, own) for own in table.starts]).reshape(
         -1, robot.nq)
     if not table.goals:
         return [solve_position(robot, stack, None, start, **chosen) for start in starts]
@@ -131,21 +134,37 @@ def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.N
     with progress(len(table.starts), 'solving') as bar:
         for first in range(0, len(table.starts), STEP):
             part = slice(first, first + STEP)
-            found += solve_positions(
-                robot, stack, {task: goals[part] for task, goals in table.goals.items()},
-                starts[part], jobs=options.jobs or -1, **chosen)
+            try:
+                found += solve_positions(
+                    robot, stack, {task: goals[part] for task, goals in table.goals.items()},
+                    starts[part], jobs=options.jobs or -1, **chosen)
+            except GoalOfManyError as error:
+                raise GoalError(f'{table.places[first + error.number]}: {error.__cause__}') \
+                    from error
             bar.advance(len(starts[part]))
     return found
 
 
-def _start(robot: 'Robot', positions: dict[str, float]) -> Any:
-    """Return the configuration (nq,) with some joints at given positions."""
-    q = robot.neutral()
-    for name, position in positions.items():
-        if name not in robot.coordinate_names:
-            raise RobotError(unknown('joint', name, robot.coordinate_names))
-        q[robot.coordinate_names.index(name)] = position
+def _start(robot: 'Robot', options: argparse.Namespace,
+           own: Mapping[str, float] = MappingProxyType({})) -> Any:
+    """Return the configuration (nq,) at the positions of the options, or its own ones."""
+    q, names, driven = robot.neutral(), robot.coordinate_names, set(robot.coordinate_names)
+    for positions, valid in ((dict(options.start), driven | set(robot.passive_names)),
+                             (own, driven)):
+        for name, position in positions.items():
+            if name not in valid:
+                raise RobotError(unknown('joint', name, [*names, *sorted(valid - driven)]))
+            if name in driven:
+                q[names.index(name)] = position
     return q
+
+
+def _passive(robot: 'Robot', positions: dict[str, float]) -> Any:
+    """Return the positions (p,) of the passive joints, some of them given."""
+    found = robot.passive_neutral.copy()
+    for row, name in enumerate(robot.passive_names):
+        found[row] = positions.get(name, found[row])
+    return found
 
 
 def _text(robot: 'Robot', found: Sequence['PositionSolution']) -> str:

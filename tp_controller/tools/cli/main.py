@@ -8,6 +8,8 @@ import argparse
 from collections.abc import Sequence
 import importlib
 from importlib.metadata import PackageNotFoundError, version
+import os
+import select
 import signal
 import sys
 from typing import NoReturn
@@ -58,7 +60,7 @@ EXTRAS = {
 }
 # Longest error that is printed [characters].
 LONGEST_PRINTED_ERROR = 20_000
-INTERRUPTED = 128 + signal.SIGINT
+INTERRUPTED, OUTPUT_CLOSED = 128 + signal.SIGINT, 128 + signal.SIGPIPE
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -100,9 +102,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     watch = SignalWatch(END_SIGNALS, INTERRUPTED)
     watch.start()
     try:
-        return options.run(options)
+        status = options.run(options)
+        # What is left in the buffer may find no reader, either.
+        sys.stdout.flush()
+        return status
     except TpControllerError as error:
         return _refuse(error)
+    except BrokenPipeError:
+        if not _output_closed():
+            raise
+        return OUTPUT_CLOSED
     except ModuleNotFoundError as error:
         return _report_missing(error)
     except KeyboardInterrupt:
@@ -110,6 +119,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     finally:
         watch.close()
+
+
+def _output_closed() -> bool:
+    """Return whether the reader of the output has ended, as head does; drop what it left."""
+    output, pipe = sys.stdout.fileno(), select.poll()
+    pipe.register(output, 0)
+    if not any(events & select.POLLERR for _, events in pipe.poll(0)):
+        return False
+    # The rest would be flushed at exit.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return True
 
 
 def controller_node() -> int:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from robots import PANDA_DH, PLANAR_DH
 from tp_controller import Robot
+from tp_controller.tools.cli.ik import STEP
 from tp_controller.tools.cli.main import main
 
 TIP = '- tip: {type: position, frame: link3, axes: xy}\n'
@@ -94,7 +95,8 @@ def test_table_of_goals_gives_a_table_of_configurations(capsys, tmp_path):
     (['--goal', 'tip'], "'tip' is not of the form TASK=NUMBERS"),
     (['--goal', 'tip=1, 2, 0', '--goal', 'tip=2, 1, 0'], "two goals for task 'tip'"),
     (['--goal', 'tip=[1, 2'], 'the goal of task .tip.'),
-    (['--goal', 'tip=1, 2'], 'needs 3 numbers'), (['--goal', 'tap=1, 2, 3'], "position 'tap'"),
+    (['--goal', 'tip=1, 2'], 'tp_controller: the goal of task .tip. (a point x, y, z) needs 3 '),
+    (['--goal', 'tap=1, 2, 3'], "position 'tap'"),
     (['--start', 'joint9=1'], "unknown joint 'joint9'"),
     (['--output', 'found.txt'], 'needs the ending .csv or .json'),
     (['--output', 'none/found.csv'], 'none'), (['--csv', 'none.csv'], 'none.csv: No such file'),
@@ -121,6 +123,31 @@ def test_faults_of_a_table_are_named_with_their_line(capsys, tmp_path, table, te
     status, _, err = run(capsys, TIP, '--csv', path)
     assert status == 2
     assert text in err
+
+
+def test_refused_goal_is_named_with_its_line_also_in_a_long_table(capsys, tmp_path):
+    path = tmp_path / 'goals.csv'
+    path.write_text('tip.x,tip.y,tip.z\n' + '1,0.5,0\n' * (STEP + 3) + '\n1,inf,0\n')
+    status, _, err = run(capsys, TIP, '--csv', path)
+    assert status == 2
+    assert err.startswith(f'tp_controller: {path}: line {STEP + 6}: the goal of task')
+
+
+def test_joint_that_is_not_driven_stands_where_the_start_says(capsys):
+    status, out, _ = run(capsys, TIP, '--joints', 'joint1', 'joint2', '--goal', 'tip=1.0, 0.5, 0',
+                         '--start', 'joint3=0.7')
+    assert status == 0
+    robot = Robot.from_file(PLANAR_DH, joints=['joint1', 'joint2'])
+    state = robot.state(list(positions(out).values()), passive=[0.7])
+    np.testing.assert_allclose(state.position('link3')[:2], [1.0, 0.5], atol=5e-6)
+
+
+def test_table_gives_no_start_for_a_joint_that_is_not_driven(capsys, tmp_path):
+    path = tmp_path / 'goals.csv'
+    path.write_text('tip.x,tip.y,tip.z,start.joint3\n1,0.5,0,0.7\n')
+    status, _, err = run(capsys, TIP, '--joints', 'joint1', 'joint2', '--csv', path)
+    assert status == 2
+    assert "unknown joint 'joint3'" in err
 
 
 def test_mark_that_a_spreadsheet_writes_is_no_part_of_a_name(capsys, tmp_path):

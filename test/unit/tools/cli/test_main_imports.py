@@ -8,7 +8,8 @@ import subprocess
 import sys
 
 import pytest
-from robots import REPOSITORY
+from robots import PLANAR_DH, REPOSITORY
+from tp_controller.tools.cli.main import OUTPUT_CLOSED
 
 # Each takes a fifth of a second and more.
 SLOW = ('numpy', 'scipy', 'pinocchio', 'rclpy', 'matplotlib', 'viser')
@@ -83,3 +84,18 @@ def test_core_that_is_wanted_and_missing_ends_a_command_in_one_line(call):
     assert line.startswith(
         'tp_controller: TP_CONTROLLER_SOLVER is compiled, but the compiled core is missing')
     assert done.returncode == 2 and done.stdout == ''
+
+
+def test_output_that_nobody_reads_to_the_end_leaves_no_traceback():
+    """As of `tp_controller ik … | head`, with a buffer and without."""
+    for unbuffered in ('', '1'):
+        read, write = os.pipe()
+        os.close(read)
+        with os.fdopen(write) as output:
+            done = subprocess.run(
+                [sys.executable, '-m', 'tp_controller', 'ik', '- p: {type: posture}', '--robot',
+                 str(PLANAR_DH)], cwd=REPOSITORY, text=True, stdout=output,
+                stderr=subprocess.PIPE, timeout=60,
+                env={**os.environ, 'PYTHONUNBUFFERED': unbuffered})
+        assert not done.stderr
+        assert done.returncode == OUTPUT_CLOSED
