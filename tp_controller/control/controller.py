@@ -18,8 +18,8 @@ from tp_controller.control.report import Report
 from tp_controller.control.settings import Settings, STOP
 from tp_controller.control.solved_cycle import Solved, SolvedCycle
 from tp_controller.control.step import Commanded, CycleMemory, Problem, Snapshot, step
-from tp_controller.errors import RobotError, SettingsError, TimeError
-from tp_controller.model.robot import Robot
+from tp_controller.errors import SettingsError, TimeError
+from tp_controller.model.robot import check_robot, Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.stack import check_type, levels_of, Stack
@@ -72,9 +72,7 @@ class Controller(JointInputs):
 
     def __init__(self, robot: Robot, stack: Stack, settings: Settings | None = None,
                  solver: SolverFactory = Settings.solver) -> None:
-        if not isinstance(robot, Robot):
-            raise RobotError('a controller needs a Robot, such as Robot.from_urdf(file), and then '
-                             f'a Stack, got {type(robot).__name__}')
+        check_robot(robot)
         check_type(stack)
         super().__init__(robot, stack, settings or Settings())
         self._make_solver = solver

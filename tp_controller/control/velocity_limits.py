@@ -215,6 +215,9 @@ def lowered(robot: Robot, limits: Array, changes: Mapping[str, float]) -> Array:
         Lists all changes that are not possible.
 
     """
+    if not isinstance(changes, Mapping):
+        raise SettingsError(['velocity limits need a mapping such as {joint1: 1.0}, '
+                             f'not {changes!r}'])
     faults, limits = [], limits.copy()
     for name, value in changes.items():
         if name not in robot.velocity_names:

@@ -98,6 +98,16 @@ def nearest_to_zero(names: Sequence[str], elements: Mapping[str, Element]) -> Ar
     return np.array([min(max(0.0, row['lower']), row['upper']) for row in ranges])
 
 
+def as_overrides(limits: object) -> LimitOverrides:
+    """Return limits that replace others, or raise `RobotError` if they are no mapping."""
+    if limits is None:
+        return {}
+    if not isinstance(limits, Mapping):
+        raise RobotError('limits need a mapping such as {joint1: {velocity: 1.0}}, '
+                         f'not {limits!r}')
+    return limits
+
+
 def _velocity_limits(base: Base, driven: Sequence[str], elements: Mapping[str, Element],
                      mimics: MimicRules, overrides: LimitOverrides) -> dict[str, Limits]:
     """Return the limits of every velocity; arguments as for `limit_arrays`."""

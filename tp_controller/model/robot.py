@@ -16,6 +16,7 @@ from tp_controller.model.joint_choice import choose_joints, JointChoice
 from tp_controller.model.joint_groups import Groups, joint_groups
 from tp_controller.model.kinematics import Kinematics
 from tp_controller.model.limits import (
+    as_overrides,
     in_degrees,
     limit_arrays,
     LIMIT_KEYS,
@@ -125,11 +126,11 @@ class Robot:
         if self.moves:
             frame_ids = _with_world(frame_ids, world_frame)
         self.frame_names, self.root = tuple(frame_ids), next(iter(frame_ids))
-        mimics = mimic_rules(elements)
+        mimics, limits = mimic_rules(elements), as_overrides(limits)
         self._name_joints(choose_joints(model.names, elements, mimics, self._base, joints,
-                                        limits or {}), elements)
+                                        limits), elements)
         self.groups = joint_groups(groups or {}, self.velocity_names, self._base.names)
-        limited = limit_arrays(self._base, self.joint_names, elements, mimics, limits or {})
+        limited = limit_arrays(self._base, self.joint_names, elements, mimics, limits)
         for key, values in limited.values.items():
             setattr(self, key, values)
         self.continuous, self.remarks = limited.continuous, _degree_remarks(self)
@@ -294,7 +295,7 @@ class Robot:
         A base moves along the arc of a constant twist in its own axes. Angles of continuous
         joints, and the yaw of a base, are not wrapped.
         """
-        return self.kinematics.integrate(q, velocity, dt)
+        return self.kinematics.integrate(*_vectors(self, q, velocity), dt)
 
     def state(self, q: ArrayLike, passive: ArrayLike | None = None) -> RobotState:
         """
@@ -359,3 +360,20 @@ def _with_world(frame_ids: dict[str, int], name: object) -> dict[str, int]:
     if name in frame_ids:
         raise RobotError(f'the world frame cannot be named like a link: {name!r}')
     return {name: UNIVERSE_INDEX, **frame_ids}
+
+
+def _vectors(robot: Robot, q: ArrayLike, velocity: ArrayLike) -> tuple[Array, Array]:
+    """Return a configuration and a velocity as arrays; raise `RobotError` for other shapes."""
+    q, velocity = np.asarray(q, dtype=float), np.asarray(velocity, dtype=float)
+    if q.shape != (robot.nq,) or velocity.shape != (robot.n,):
+        raise RobotError(f'needs q ({robot.nq},) and velocity ({robot.n},), '
+                         f'got arrays of shapes {q.shape} and {velocity.shape}')
+    return q, velocity
+
+
+def check_robot(robot: object) -> Robot:
+    """Return `robot`, or raise `RobotError` if it is not a `Robot`."""
+    if isinstance(robot, Robot):
+        return robot
+    raise RobotError('needs a Robot first, such as Robot.from_file(file), got '
+                     f'{type(robot).__name__}')

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.errors import RobotError, SettingsError, unknown
+from tp_controller.errors import RobotError, SettingsError, TimeError, unknown
 from tp_controller.model.mobile_base import TWIST_NAMES
-from tp_controller.model.robot import Robot
+from tp_controller.model.robot import check_robot, Robot
 from tp_controller.model.spatial import Array, pose, rotation_from_rpy
 from tp_controller.resources import is_number, load_yaml, read_source
 
@@ -103,7 +103,7 @@ class KinematicSimulator:
                  noise: SimulatorNoise | None = None) -> None:
         if not 0.0 < timeout < math.inf:
             raise SettingsError([f'timeout must be positive and finite, not {timeout!r}'])
-        self.robot = robot
+        self.robot = check_robot(robot)
         self.noise = noise or SimulatorNoise()
         self.timeout = timeout
         self._initial = robot.state(start_configuration(robot) if q is None else q).q.copy()
@@ -192,8 +192,11 @@ class KinematicSimulator:
         """
         Advance the simulation by `dt` seconds.
 
-        Commands take effect, and time out, at their own time within the step.
+        Commands take effect, and time out, at their own time within the step. A time that is
+        negative or not finite raises `TimeError`.
         """
+        if not is_number(dt) or not 0.0 <= dt < math.inf:
+            raise TimeError(f'dt must be a finite number that is not negative [s], got {dt!r}')
         end = self.now + dt
         while self.now < end:
             while self._queue and self._queue[0][0] <= self.now:

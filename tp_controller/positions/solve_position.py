@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.errors import GoalError, RobotError, unknown
-from tp_controller.model.robot import Robot
+from tp_controller.model.robot import check_robot, Robot
 from tp_controller.model.spatial import Array
 from tp_controller.positions.choice import CRITERIA, has_whole_turns, unwound
 from tp_controller.positions.compiled import Searches
@@ -60,7 +60,7 @@ class PositionSolver:
 
     def __init__(self, robot: Robot, stack: Stack, locked: Collection[str] = (),
                  at: ArrayLike | None = None) -> None:
-        robot = with_locks(robot, locked, robot.neutral() if at is None else at)
+        robot = with_locks(check_robot(robot), locked, robot.neutral() if at is None else at)
         self._robot, self._tasks = robot, PositionStack(robot, check_type(stack))
         self._searches = Searches(robot, self._tasks)
         self._passive, self._turns = robot.passive_neutral, has_whole_turns(robot)

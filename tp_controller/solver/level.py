@@ -144,13 +144,16 @@ def check_levels(levels: Iterable[Any]) -> list[Level]:
 
 def check_level(level: Any, name: str) -> Level:
     """Return one validated level with arrays of floats; `SolverError` as in `check_levels`."""
+    if isinstance(level, np.ndarray):
+        raise SolverError(f'{name}: needs Level or (J, v), got an array of shape {level.shape}; '
+                          'a single level, too, is in a sequence: [(J, v)]')
     if not isinstance(level, Level):
         try:
             level = Level(*level)
         except TypeError as error:
             raise SolverError(f'{name}: needs J (m, n) and v (m,): {error}') from error
-    if level.mode not in MODES:
-        raise SolverError(f'{name}: {unknown("mode", level.mode, MODES)}')
+    if not isinstance(level.mode, str) or level.mode not in MODES:
+        raise SolverError(f'{name}: {unknown("mode", str(level.mode), MODES)}')
     J = _array(level.J, 2, f'{name}: J must be (m, n)')
     rows, joints = (J.shape[0],), _mask(level.joints, J.shape[1], name)
     weights = None if level.weights is None else check_weights(

@@ -43,7 +43,10 @@ def _joints(robot: Robot, joints: Joints | None) -> tuple[str, ...]:
     names = [name for each in listed
              for name in (robot.groups.get(each, (each,)) if isinstance(each, str) else (each,))]
     for name in names:
-        robot.joint_index(name)
+        if name not in robot.joint_names:
+            groups = [group for group, members in robot.groups.items()
+                      if set(members) <= set(robot.joint_names)]
+            raise ValueError(unknown('driven joint or group', name, [*groups, *robot.joint_names]))
     if len(set(names)) < len(names):
         raise ValueError(f'names a joint twice: {", ".join(names)}')
     return tuple(names)

@@ -199,7 +199,8 @@ def parse_weights(weights: Any, units: Sequence[str],
     Parameters
     ----------
     weights : float, sequence or mapping
-        One number, one for each row, or {name: number} of some rows; the others weigh 1.
+        One number, one for each row, or {name: number} of some rows; the others weigh 1. Of
+        several names of a row, such as a joint and its group, that of fewer rows counts.
     units : sequence of str
         Unit of each row.
     names : mapping
@@ -209,10 +210,11 @@ def parse_weights(weights: Any, units: Sequence[str],
     if not isinstance(weights, Mapping):
         return parse_gain(weights, len(units) or None)
     found = np.ones(len(units))
-    for name, weight in weights.items():
+    for name in weights:
         if name not in names:
             raise ValueError(unknown('name of rows', name, names))
-        found[list(names[name])] = named_positive(str(name), weight)
+    for name in sorted(weights, key=lambda each: len(names[each]), reverse=True):
+        found[list(names[name])] = named_positive(str(name), weights[name])
     return found
 
 

@@ -103,7 +103,7 @@ class StackReader:
         """Return the task of one entry, or record faults and return None."""
         self._check_effort(node)
         if not isinstance(node, yaml.MappingNode) or len(node.value) != 1:
-            self._fault(node, '', LIST_FORM)
+            self._fault(node, '', LIST_FORM + _indentation(node))
             return None
         (key, body), = node.value
         name = key.value
@@ -114,7 +114,9 @@ class StackReader:
         values, lines = self._values(body, name)
         kind = values.pop('type', None)
         if 'type' not in lines:
-            self._fault(key, name, f'needs a type{self._valid_types(key.start_mark.line + 1)}')
+            joined = next((word for word in lines if word.startswith('type:')), '')
+            self._fault(key, name, f'{joined!r} needs a blank after the colon' if joined else
+                        f'needs a type{self._valid_types(key.start_mark.line + 1)}')
         elif not isinstance(kind, str) or kind not in self._types:
             self._faults.append(Fault(
                 lines['type'], str(name), f'unknown type {suggestion(kind, self._types)}'
@@ -237,3 +239,11 @@ def names_of(tasks: Iterable[Task]) -> str:
 def _first_line(error: Exception) -> str:
     """Return the message of a YAML error in one line."""
     return getattr(error, 'problem', None) or (str(error).splitlines() or ['cannot be read'])[0]
+
+
+def _indentation(node: yaml.Node) -> str:
+    """Return the end of a message where keys of a task stand below its name, not within."""
+    if not isinstance(node, yaml.MappingNode) or len(node.value) < 2:
+        return ''
+    name, body = node.value[0]
+    return f'; indent the keys of {name.value} by more than its name' if body.value == '' else ''

@@ -50,7 +50,7 @@ def test_joints_of_a_joint_task_are_its_rows_and_no_mask():
     (f'{TOOL}, joints: []}}', 'needs a joint, a group or a list of them'),
     (f'{TOOL}, joints: 3}}', 'needs a joint, a group or a list of them'),
     (f'{TOOL}, joints: base, excluded_joints: [base]}}', 'leaves the task no joint to move'),
-    ('lift: {type: joint, joints: base}', "unknown driven joint 'base_x'"),
+    ('lift: {type: joint, joints: base}', "unknown driven joint or group 'base_x'"),
     ('lift: {type: joint, joints: [arm, arm_2]}', 'names a joint twice')])
 def test_joints_that_are_none_are_refused(task, message):
     with pytest.raises(StackError, match=message):
@@ -120,7 +120,9 @@ def test_types_of_other_packages_have_masks_too():
     ('{type: position, frame: tool, weights: [1, 2, 3]}', [1.0, 2.0, 3.0]),
     ('{type: joint, joints: [arm_2, torso, arm_1], weights: {torso: 5, arm_1: 2}}',
      [1.0, 5.0, 2.0]),
-    ('{type: posture, weights: {arm: 10}}', [1.0] + [10.0] * 7)])
+    ('{type: posture, weights: {arm: 10}}', [1.0] + [10.0] * 7),
+    ('{type: posture, weights: {arm_2: 3, arm: 10}}', [1.0, 10.0, 3.0] + [10.0] * 5),
+    ('{type: posture, weights: {arm: 10, arm_2: 3}}', [1.0, 10.0, 3.0] + [10.0] * 5)])
 def test_weights_are_given_by_row_unit_joint_and_group(task, weights):
     task = Stack.from_yaml(f'- task: {task}\n', ROBOT).tasks['task']
     assert task.row_weights.tolist() == weights
@@ -134,7 +136,9 @@ def test_weights_are_given_by_row_unit_joint_and_group(task, weights):
     ('{type: position, frame: tool, weights: 0}', 'weights: must be positive'),
     ('{type: position, frame: tool, weights: {rad: 1}}', "unknown name of rows 'rad'; valid: m"),
     ('{type: joint, joints: arm, weights: {torso: 2}}', "unknown name of rows 'torso'"),
-    ('{type: joint, joints: arm, weights: {arm_1: -2}}', 'weights: arm_1 must be positive')])
+    ('{type: joint, joints: arm, weights: {arm_1: -2}}', 'weights: arm_1 must be positive'),
+    ('{type: joint, joints: hand}',
+     "joints: unknown driven joint or group 'hand'; valid: arm, torso, torso_lift, arm_1")])
 def test_weights_that_are_none_are_refused(task, message):
     with pytest.raises(StackError, match=message):
         Stack.from_yaml(f'- task: {task}\n', ROBOT)
