@@ -154,7 +154,7 @@ def test_commands_are_clipped_at_the_velocity_limits(harness):
 
 
 @pytest.mark.parametrize('data, told', [
-    ([], 'command ignored: 0 velocities for 3 joints'),
+    ([], 'command ignored: 0 velocities for 3 joints; the parameter command_joints names them'),
     ([0.1, 0.2], 'command ignored: 2 velocities for 3 joints'),
     ([0.1, 0.2, 0.3, 0.4], 'command ignored: 4 velocities for 3 joints'),
     ([0.1, float('nan'), 0.3], 'command ignored: a velocity is not a finite number'),

@@ -135,7 +135,7 @@ class SimulatorNode(ClosableNode):
     def _on_command(self, message: Float64MultiArray) -> None:
         """Apply a command to the joints."""
         if len(message.data) != len(self._commanded):
-            self._refuse(f'{len(message.data)} velocities for {len(self._commanded)} joints')
+            self._refuse(f'{len(message.data)} velocities for {self._commanded_joints()}')
             return
         self._velocity[self._commanded] = message.data
         self._apply(self._robot.joint_columns, 'command')
@@ -159,7 +159,9 @@ class SimulatorNode(ClosableNode):
                 duration: float) -> None:
         """Pass the positions of some joints to the simulator; others hold theirs."""
         if len(positions) != len(joints):
-            self._refuse(f'{len(positions)} positions for {len(joints)} joints')
+            self._refuse(f'{len(positions)} positions for '
+                         + (self._commanded_joints() if joints is self._commanded
+                            else f'{len(joints)} joints'))
             return
         target = self._robot.positions(self._simulator.q).copy()
         target[joints] = positions
@@ -167,6 +169,10 @@ class SimulatorNode(ClosableNode):
             self._refuse('a position is not a finite number')
             return
         self._simulator.command_positions(target, duration)
+
+    def _commanded_joints(self) -> str:
+        """Return the number of the joints of a command, and what sets it."""
+        return f'{len(self._commanded)} joints; the parameter command_joints names them'
 
     def _refuse(self, fault: str) -> None:
         """Log the fault of an ignored command."""
