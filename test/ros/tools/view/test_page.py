@@ -6,6 +6,7 @@
 from dataclasses import replace
 from html import unescape
 import math
+import re
 import time
 
 from builtin_interfaces.msg import Time
@@ -20,9 +21,11 @@ import numpy as np
 import pytest
 from robots import PLANAR_START
 from scipy.spatial.transform import Rotation
+from std_srvs.srv import Trigger
 from tp_controller.model.spatial import pose, rotation_from_rpy
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.status import received
+from tp_controller.ros.client.trajectory_fields import make_trajectory
 from tp_controller.ros.interface.markers import Markers
 from tp_controller.ros.interface.status import diagnostics
 from tp_controller.tasks.sketch import Cone, Gaps
@@ -251,6 +254,18 @@ def test_task_that_is_switched_off_leaves_the_stack_and_comes_back(rig):
 def test_box_follows_what_others_switch_off(rig):
     rig.controller._robot.controller.enable('slow', False)
     rig.spin_until(lambda: not rig.page.stack.rows['slow'].enabled.value, 'the box')
+
+
+def test_progress_of_a_trajectory_is_shown_while_it_lasts(rig):
+    text = rig.page.stack.rows['tip'].text
+    assert 'of its trajectory' not in text.content
+    message = make_trajectory('tip', rig.client.tasks()['tip'], [
+        {'xyz': (0.5, 0.8, 0.0)}, {'xyz': (0.6, 0.7, 0.0)}], times=[0.5, 60.0], speed=0.0)
+    rig.harness.publisher(type(message), '/tp_controller/tip/trajectory').publish(message)
+    rig.spin_until(lambda: re.search(r'>[1-9][0-9]?% of its trajectory<', text.content),
+                   'the progress')
+    rig.harness.call(Trigger, '/tp_controller/tip/trajectory/cancel', meanwhile=rig.update)
+    rig.spin_until(lambda: 'of its trajectory' not in text.content, 'the end')
 
 
 def test_gain_that_is_refused_is_said_with_its_reason_and_shown_as_it_was(rig):
