@@ -19,9 +19,11 @@ import subprocess
 import sys
 
 from monitor import promise_of
+import numpy as np
 from processes_harness import DEADLINE
 import pytest
-from robots import REPOSITORY
+from robots import CONFIG, PANDA_DH, REPOSITORY
+from tp_controller.tools.demos.processes import NodeProcess
 from tp_controller.tools.demos.scenarios import DEMOS
 import yaml
 
@@ -323,3 +325,55 @@ def test_the_controller_alone_waits_for_a_robot(start, listener):
     launched = start('controller.launch.py')
     listener.wait(lambda: listener.client.stop_reason() == 'no robot description yet', 'the node',
                   [launched])
+
+
+@pytest.mark.parametrize('commands, output', [
+    ('unitless', 'velocity'), ('speed_units', 'velocity'), ('unitless', 'position'),
+    ('pose', 'velocity'), ('pose', 'trajectory')])
+def test_tool_moves_as_a_program_of_servo_says(start, listener, domain, tmp_path, commands,
+                                               output):
+    from geometry_msgs.msg import PoseStamped, TwistStamped
+    from tp_controller.ros.interface.markers import to_pose
+    robot = DEMOS['panda'].robot
+    listener.promise = promise_of(robot, 0.1, math.inf)
+
+    def tool():
+        return robot.state(listener.states[-1][0]).position('panda_hand_tcp')
+
+    with NodeProcess('simulator_node', ['--params-file', str(CONFIG / 'demo.yaml')], domain,
+                     tmp_path / 'simulator.log') as simulator:
+        node = listener.client.node
+        twist = TwistStamped()
+        if commands == 'pose':
+            arguments, kind, topic = ['command_type:=pose'], PoseStamped, 'pose_target_cmds'
+        else:
+            arguments, kind, topic = [f'command_in_type:={commands}'], TwistStamped, \
+                'delta_twist_cmds'
+            # 0.1 m/s along y of the root, as the scale has it.
+            twist.twist.linear.y = 0.1 if commands == 'speed_units' else 0.25
+        launched = start('servo_compatible.launch.py', f'robot:={PANDA_DH}', f'output:={output}',
+                         *arguments)
+        publisher = node.create_publisher(kind, f'/servo_node/{topic}', 10)
+        both = [launched, simulator]
+        listener.wait(lambda: listener.client.task_names() == ['tool', 'posture']
+                      and not listener.client.stop_reason() and listener.states
+                      and publisher.get_subscription_count(), 'the controller', both)
+        first = tool()
+        if commands == 'pose':
+            state = robot.state(listener.states[-1][0])
+            goal = PoseStamped(pose=to_pose(state.pose('panda_hand_tcp')))
+            goal.pose.position.y += 0.05
+            publisher.publish(goal)
+        else:
+            def driven():
+                publisher.publish(twist)
+                return tool()[1] > first[1] + 0.05
+            listener.wait(driven, 'the motion', both)
+            # Drives that follow positions tell no speed.
+            fastest = max(np.abs(robot.state(q).jacobian('panda_hand_tcp')[:3].dot(v)).max()
+                          for q, v in listener.states[-50:])
+            assert output != 'velocity' or fastest == pytest.approx(0.1, rel=0.05)
+        listener.wait(lambda: np.abs(tool() - first - [0.0, 0.05, 0.0]).max() < 2e-3
+                      if commands == 'pose' else not listener.states[-1][1].any(), 'the end', both)
+        # Along y alone.
+        assert np.abs((tool() - first)[[0, 2]]).max() < 2e-3
