@@ -136,7 +136,7 @@ def test_reload_reads_the_file_again(any_harness, tmp_path):
 
 
 @pytest.mark.parametrize('text, told', [
-    ('- swing: {type: joint, joints: joint9}', "unknown driven joint 'joint9'"),
+    ('- swing: {type: joint, joints: joint9}', "unknown driven joint or group 'joint9'"),
     ('- [', 'not valid YAML'), ('', 'a stack must be a list'), (None, 'no file')])
 def test_reload_of_a_faulty_file_keeps_the_old_stack_and_says_why(harness, tmp_path, text, told):
     path = tmp_path / 'stack.yaml'

@@ -168,7 +168,7 @@ def test_a_faulty_stack_leaves_the_node_alive_with_zeros_and_every_fault_said(
     nodes = start('controller_node', '-p', f'stack:={path}'), start('simulator_node')
     listener.wait(lambda: listener.client.stop_reason().startswith('no valid stack'), 'status',
                   nodes)
-    for fault in ("line 1: swing, joints: unknown driven joint 'joint9'",
+    for fault in ("line 1: swing, joints: unknown driven joint or group 'joint9'",
                   "line 2: tip: needs the key 'frame'", 'line 3: '):
         assert fault in listener.client.stop_reason()
         assert fault in nodes[0].output()
