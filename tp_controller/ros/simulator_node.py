@@ -134,15 +134,23 @@ class SimulatorNode(ClosableNode):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         """Apply a command to the joints."""
-        if len(message.data) != len(self._commanded):
-            self._refuse(f'{len(message.data)} velocities for {self._commanded_joints()}')
-            return
-        self._velocity[self._commanded] = message.data
-        self._apply(self._robot.joint_columns, 'command')
+        if self._fits(message, 'velocities'):
+            self._velocity[self._commanded] = message.data
+            self._apply(self._robot.joint_columns, 'command')
 
     def _on_positions(self, message: Float64MultiArray) -> None:
         """Apply positions of the joints."""
-        self._follow(self._commanded, message.data, 0.0)
+        if self._fits(message, 'positions'):
+            self._follow(self._commanded, message.data, 0.0)
+
+    def _fits(self, message: Float64MultiArray, kind: str) -> bool:
+        """Return whether there is one number for each commanded joint; log where there is not."""
+        joints = len(self._commanded)
+        if len(message.data) == joints:
+            return True
+        self._refuse(f'{len(message.data)} {kind} for {joints} joints; the parameter '
+                     'command_joints names them')
+        return False
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Apply the last point of a trajectory, in joints of any order."""
@@ -159,9 +167,7 @@ class SimulatorNode(ClosableNode):
                 duration: float) -> None:
         """Pass the positions of some joints to the simulator; others hold theirs."""
         if len(positions) != len(joints):
-            self._refuse(f'{len(positions)} positions for '
-                         + (self._commanded_joints() if joints is self._commanded
-                            else f'{len(joints)} joints'))
+            self._refuse(f'{len(positions)} positions for {len(joints)} joints')
             return
         target = self._robot.positions(self._simulator.q).copy()
         target[joints] = positions
@@ -169,10 +175,6 @@ class SimulatorNode(ClosableNode):
             self._refuse('a position is not a finite number')
             return
         self._simulator.command_positions(target, duration)
-
-    def _commanded_joints(self) -> str:
-        """Return the number of the joints of a command, and what sets it."""
-        return f'{len(self._commanded)} joints; the parameter command_joints names them'
 
     def _refuse(self, fault: str) -> None:
         """Log the fault of an ignored command."""

@@ -78,6 +78,11 @@ class TaskStatus:
     progress: float = math.nan
 
     @property
+    def way(self) -> str:
+        """Return the progress of the trajectory as text; empty without one."""
+        return '' if math.isnan(self.progress) else f'{self.progress:.0%} of its trajectory'
+
+    @property
     def done(self) -> bool:
         """Return whether the goal is reached, or the bounds are satisfied."""
         return self.status in DONE

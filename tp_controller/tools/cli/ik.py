@@ -4,10 +4,9 @@
 """``tp_controller ik``: configurations at which the goals of a stack are reached."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import json
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TYPE_CHECKING
 
 from tp_controller.errors import GoalError, RobotError, TpControllerError, unknown
@@ -97,14 +96,15 @@ def run_ik(options: argparse.Namespace) -> int:
     try:
         given = read(options.params_file, options.stack, options.robot, options.base, None,
                      options.joints, options.xacro_arg)
+        driven, passive = _divided(given.robot, dict(options.start))
         chosen = {'attempts': options.attempts, 'timeout': options.timeout, 'seed': options.seed,
-                  'criterion': options.criterion,
-                  'passive': _passive(given.robot, dict(options.start))}
+                  'criterion': options.criterion, 'passive': passive}
         if options.csv:
-            found = _solve(given.robot, given.stack, read_table(options.csv), options, chosen)
+            found = _solve(given.robot, given.stack, read_table(options.csv), driven,
+                           options.jobs or -1, chosen)
         else:
             found = [solve_position(given.robot, given.stack, parse_goals(options.goal),
-                                    _start(given.robot, options), **chosen)]
+                                    _start(given.robot, driven), **chosen)]
     except Refused as error:
         return refuse('; '.join(' '.join(filter(None, each)) for each in error.messages()))
     except TpControllerError as error:
@@ -120,13 +120,13 @@ def run_ik(options: argparse.Namespace) -> int:
     return 0 if all(each.reached for each in found) else 1
 
 
-def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.Namespace,
-           chosen: dict[str, Any]) -> list['PositionSolution']:
+def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, common: dict[str, float],
+           jobs: int, chosen: dict[str, Any]) -> list['PositionSolution']:
     """Return the results for all goals of a table; a `GoalError` has the line."""
     import numpy as np
     from tp_controller.positions.solve_position import solve_position
     from tp_controller.positions.solve_positions import GoalOfManyError, solve_positions
-    starts = np.array([_start(robot, options, own) for own in table.starts]).reshape(
+    starts = np.array([_start(robot, {**common, **own}) for own in table.starts]).reshape(
         -1, robot.nq)
     if not table.goals:
         return [solve_position(robot, stack, None, start, **chosen) for start in starts]
@@ -137,7 +137,7 @@ def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.N
             try:
                 found += solve_positions(
                     robot, stack, {task: goals[part] for task, goals in table.goals.items()},
-                    starts[part], jobs=options.jobs or -1, **chosen)
+                    starts[part], jobs=jobs, **chosen)
             except GoalOfManyError as error:
                 raise GoalError(f'{table.places[first + error.number]}: {error.__cause__}') \
                     from error
@@ -145,26 +145,26 @@ def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, options: argparse.N
     return found
 
 
-def _start(robot: 'Robot', options: argparse.Namespace,
-           own: Mapping[str, float] = MappingProxyType({})) -> Any:
-    """Return the configuration (nq,) at the positions of the options, or its own ones."""
-    q, names, driven = robot.neutral(), robot.coordinate_names, set(robot.coordinate_names)
-    for positions, valid in ((dict(options.start), driven | set(robot.passive_names)),
-                             (own, driven)):
-        for name, position in positions.items():
-            if name not in valid:
-                raise RobotError(unknown('joint', name, [*names, *sorted(valid - driven)]))
-            if name in driven:
-                q[names.index(name)] = position
-    return q
-
-
-def _passive(robot: 'Robot', positions: dict[str, float]) -> Any:
-    """Return the positions (p,) of the passive joints, some of them given."""
-    found = robot.passive_neutral.copy()
+def _divided(robot: 'Robot', positions: dict[str, float]) -> tuple[dict[str, float], Any]:
+    """Return the given positions of driven joints, and those (p,) of all passive ones."""
+    passive = robot.passive_neutral.copy()
     for row, name in enumerate(robot.passive_names):
-        found[row] = positions.get(name, found[row])
-    return found
+        passive[row] = positions.pop(name, passive[row])
+    for name in positions:
+        if name not in robot.coordinate_names:
+            raise RobotError(unknown('joint', name,
+                                     [*robot.coordinate_names, *sorted(robot.passive_names)]))
+    return positions, passive
+
+
+def _start(robot: 'Robot', positions: dict[str, float]) -> Any:
+    """Return the configuration (nq,) with some joints at given positions."""
+    q = robot.neutral()
+    for name, position in positions.items():
+        if name not in robot.coordinate_names:
+            raise RobotError(unknown('joint', name, robot.coordinate_names))
+        q[robot.coordinate_names.index(name)] = position
+    return q
 
 
 def _text(robot: 'Robot', found: Sequence['PositionSolution']) -> str:

@@ -113,8 +113,7 @@ def _row(task: TaskStatus) -> str:
     """Return the line of a task."""
     errors = ', '.join(_error(unit, error) for unit, error in task.errors.items())
     cells = (task.name, task.level, errors, task.status)
-    way = '' if math.isnan(task.progress) else f'{task.progress:.0%} of its trajectory'
-    reason = '; '.join(filter(None, (way, task.reason, *task.warnings)))
+    reason = '; '.join(filter(None, (task.way, task.reason, *task.warnings)))
     return '  ' + ' '.join(f'{cell:<{columns}}'
                            for cell, (_, columns) in zip(cells, COLUMNS)) + f' {reason}'
 

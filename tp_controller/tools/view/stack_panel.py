@@ -231,9 +231,8 @@ def row_html(row: Row, stopped: bool = False) -> str:
             '<div style="flex:1;height:6px;border-radius:3px;background:#dfe3e8">'
             f'<div style="width:{percent}%;height:6px;border-radius:3px;background:{colour}">'
             f'</div></div><span style="width:3em;text-align:right">{percent} %</span></div>')
-    way = '' if math.isnan(row.progress) else f'{row.progress:.0%} of its trajectory'
     lines += [f'<div style="color:#5b6470">{escape(text)}</div>'
-              for text in (way, *causes_in(row.reason), row.hint) if text]
+              for text in (row.way, *causes_in(row.reason), row.hint) if text]
     if row.warning:
         lines.append(f'<div style="color:#e08a00">goal: {escape(row.warning)}</div>')
     if row.refusal:

@@ -55,8 +55,8 @@ class Row:
         Number of accepted and refused goals.
     refusal, warning : str
         Reason of the last refusal, and probable mistake in the last accepted goal.
-    progress : float
-        Share of the time of its trajectory that has passed; not a number without one.
+    way : str
+        Progress of its trajectory; empty without one.
 
     """
 
@@ -72,7 +72,7 @@ class Row:
     refused: int
     refusal: str
     warning: str
-    progress: float = math.nan
+    way: str = ''
 
     @property
     def enabled(self) -> bool:
@@ -95,7 +95,7 @@ def _row(task: TaskStatus) -> Row:
     share = min(max(task.achieved_speed / wanted, 0.0), 1.0) if wanted > REST_SPEED else math.nan
     return Row(task.name, task.kind, task.level, task.status, tuple(task.errors.items()), share,
                task.reason, task.hint, task.accepted, task.refused, task.refusal,
-               '; '.join(task.warnings), task.progress)
+               '; '.join(task.warnings), task.way)
 
 
 def quantity(unit: str, value: float) -> str:
