@@ -35,6 +35,7 @@ BAND = 54
 TRIES = 100
 
 film = pytest.importorskip('tp_controller.tools.demos.film', reason='needs viser')
+stage = pytest.importorskip('tp_controller.tools.demos.stage')
 pytestmark = [
     pytest.mark.skipif(find_chromium() is None, reason='needs a Chromium on the PATH')]
 
@@ -89,7 +90,7 @@ def test_every_part_is_where_it_belongs(tmp_path):
             ('tool',), (FixedObject('base_link', Box(0.3, 0.3, 0.3), (0.0, 0.8, 0.15)),),
             (('laser', 'tool'),), view=(0.0, 30.0)),
         goals=[(0.0, 'tool', [0.5, -1.8, 0.6, 0.0, 0.0, 0.0, 1.0])])
-    camera = film._camera(motion, [0, 1], 4.0 / 3.0)
+    camera = stage.camera_of(motion, [0, 1], 4.0 / 3.0)
     before, after = pictures_of(motion, tmp_path)
     state = robot.state(q[1])
     tool, laser = state.position('tool'), state.position('laser')

@@ -77,6 +77,41 @@ def test_port_that_is_taken_is_said_and_nothing_is_started(environment, taken):
     assert f'http://127.0.0.1:{taken}' in complaint and 'in use' in complaint
 
 
+def test_scene_without_nodes_refuses_another_output(environment):
+    status, said, complaint = command_line(
+        environment, 'view', '--demo', 'weights', '--commands', 'position')
+    assert (status, said) == (1, '')
+    assert '--commands: weights is computed without nodes' in complaint
+
+
+@pytest.mark.parametrize('demo', ['failed_joint', 'camera'])
+def test_page_of_a_scene_has_its_question(environment, demo):
+    playwright = pytest.importorskip('playwright.sync_api', reason='needs playwright')
+    from tp_controller.tools.demos.chromium import chromium_flags, find_chromium
+    from tp_controller.tools.demos.scenes import SCENES
+    if find_chromium() is None:
+        pytest.skip('needs a Chromium on the PATH')
+    with subprocess.Popen([sys.executable, '-m', 'tp_controller', 'view', '--demo', demo],
+                          env=environment, stdout=subprocess.PIPE, text=True,
+                          preexec_fn=hear_ctrl_c) as process:
+        try:
+            address = process.stdout.readline().split()[1]
+            with playwright.sync_playwright() as driver:
+                browser = driver.chromium.launch(executable_path=find_chromium(),
+                                                 args=chromium_flags())
+                page = browser.new_page()
+                page.set_default_timeout(1e3 * DEADLINE)
+                page.goto(address)
+                scene = SCENES[demo]()
+                page.get_by_text(scene.question).wait_for()
+                page.get_by_text('Answer').click()
+                page.get_by_text(scene.answer[:40]).wait_for()
+                browser.close()
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(2.0 * DEADLINE)
+
+
 @pytest.mark.parametrize('port', ['0', '65536', 'http', '-1'])
 def test_port_that_is_none_is_refused(environment, port):
     status, _, complaint = command_line(environment, 'view', '--port', port)

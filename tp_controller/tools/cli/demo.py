@@ -102,7 +102,6 @@ def _simulate(name: str, folder: Path, seed: int) -> 'Outcome':
     """Return the outcome of a demo without ROS."""
     # Imported here: the figures take a second to import, and goals do not need them.
     from tp_controller.tools.demos.drill import drill
-    from tp_controller.tools.demos.failed_joint import failed_joint
     from tp_controller.tools.demos.lab import lab1, lab2
     from tp_controller.tools.demos.scene import play
     from tp_controller.tools.demos.scenes import SCENES
@@ -110,7 +109,7 @@ def _simulate(name: str, folder: Path, seed: int) -> 'Outcome':
         return play(name, SCENES[name](), folder)
     if name == 'lab2':
         return lab2(folder, seed)
-    return {'drill': drill, 'failed_joint': failed_joint, 'lab1': lab1}[name](folder)
+    return {'drill': drill, 'lab1': lab1}[name](folder)
 
 
 def _demo(text: str) -> str:

@@ -38,10 +38,13 @@ CONTROLLER = 'tp_controller'
 # {name: parameter file of the nodes}
 DEMOS = {'panda': 'demo', 'conflict': 'conflict', 'mobile': 'mobile', 'underwater': 'underwater',
          'two_arms': 'two_arms', 'camera': 'camera', 'bounds': 'bounds'}
+# Demos that are computed without nodes, and played.
+PLAYED = ('weights', 'forms', 'failed_joint')
+LESSONS = ('camera', 'bounds', *PLAYED)
 # Timeout of the response to a goal, on a busy machine [s].
 GOAL_RESPONSE_SECONDS = 120.0
-# Demos of `tp_controller demo` without nodes.
-WITHOUT_NODES = tuple(name for name in ALL_DEMOS if name not in DEMOS)
+# Demos of `tp_controller demo` alone.
+WITHOUT_PAGE = tuple(name for name in ALL_DEMOS if name not in (*DEMOS, *PLAYED))
 # Variables that connect another terminal to the nodes of a demo.
 DOMAIN = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 # Keys of a goal in a file that are also options of `tp_controller goal`.
@@ -50,6 +53,7 @@ EXAMPLES = """\
 examples:
   tp_controller view                         the Panda demo, on a page at http://127.0.0.1:8080
   tp_controller view --demo conflict         two tasks in conflict: exchange them on the page
+  tp_controller view --demo failed_joint     a lesson: question, answer, and runs that are played
   tp_controller view --node tp_controller    a controller that runs already
   tp_controller view --node left/tp_controller --port 9000
 """
@@ -60,11 +64,11 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument('--node', help='name of the controller node, with its namespace, that is '
                        'shown (default: a demo is started)')
-    shown.add_argument('--demo', choices=tuple(DEMOS), type=_demo, default='panda',
+    shown.add_argument('--demo', choices=(*DEMOS, *PLAYED), type=_demo, default='panda',
                        help='the demo that is started (default: panda)')
     parser.add_argument('--commands', default='velocity', choices=OUTPUTS,
-                        help='what the controller of the demo commands: joint velocities, or '
-                        'positions, alone or as trajectories (default: velocity)')
+                        help='what the controller of a demo with nodes commands: joint '
+                        'velocities, or positions, alone or as trajectories (default: velocity)')
     parser.add_argument('--host', default=LOCAL,
                         help='address that the page is shown at (default: 127.0.0.1, which only '
                         'this machine can reach; whoever can reach it can move the robot)')
@@ -88,6 +92,8 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         not start.
 
     """
+    if options.node is None and options.demo in PLAYED and options.commands != OUTPUTS[0]:
+        raise TpControllerError(f'--commands: {options.demo} is computed without nodes')
     set_up_fast_dds()
     with report_if_slow('importing the page', _tell):
         from tp_controller.tools.view.server import address, exposure, open_server
@@ -97,6 +103,8 @@ def show_view(options: argparse.Namespace) -> NoReturn:
         print(f'page: {address(server)}  (Ctrl-C ends it)', flush=True)
         if exposure(options.host):
             print(f'warning: {exposure(options.host)}', file=sys.stderr)
+        if options.node is None:
+            _show_lesson(server, options.demo)
         goals: 'list[Step]' = []
         nodes: list[NodeProcess] = []
         if options.node is None:
@@ -105,6 +113,19 @@ def show_view(options: argparse.Namespace) -> NoReturn:
             print(_how_to_send(_at_once(goals[-1])[0]), flush=True)
         _show(stack, server, options.node or CONTROLLER, nodes,
               _at_once(goals[0]) if goals else [])
+
+
+def _show_lesson(server: 'viser.ViserServer', name: str) -> None:
+    """Show the question of a demo; play its runs until Ctrl-C if it has no nodes."""
+    if name not in LESSONS:
+        return
+    with report_if_slow('importing the demo', _tell):
+        from tp_controller.tools.demos.scene_page import add_question, show_scene
+        from tp_controller.tools.demos.scenes import SCENES
+    scene = SCENES[name]()
+    if name in PLAYED:
+        show_scene(server, scene)
+    add_question(server.gui, scene)
 
 
 def _start_demo(stack: ExitStack, parameters: Path, output: str) -> list[NodeProcess]:
@@ -194,7 +215,7 @@ def _tell(line: str) -> None:
 
 def _demo(text: str) -> str:
     """Parse the name of a demo."""
-    if text in WITHOUT_NODES:
+    if text in WITHOUT_PAGE:
         raise argparse.ArgumentTypeError(f'{text} is computed without nodes, with a film in place '
                                          f'of a page: tp_controller demo {text}')
     return text

@@ -22,13 +22,23 @@ from tp_controller.tools.plots.curves import BoundedCurves, plot_bounds
 TEXT_WIDTH = 99
 
 
+@dataclass(frozen=True)
+class Failure:
+    """Joint that stands still from a time [s] on; locked then, or commanded in vain."""
+
+    joint: str
+    time: float
+    locked: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """Stack, settings and solver of one run of a scene."""
+    """Stack, settings and solver of one run of a scene, and the joint that fails in it."""
 
     stack: str | Path
     settings: Settings = Settings()
     solver: SolverFactory = Settings.solver
+    failure: Failure | None = None
 
 
 @dataclass(frozen=True)
@@ -121,13 +131,30 @@ class Scene:
         """Return the run of each variant."""
         return {name: self._run(variant) for name, variant in self.variants.items()}
 
+    def motion(self, run: Run) -> Motion:
+        """Return the motion of a run, with goals and captions."""
+        return Motion(self.title, run.robot, run.times, run.q, run.stack, self.look,
+                      list(self._goal_changes(run.times)), self.captions or ((0.0, self.title),))
+
     def _run(self, variant: Variant) -> Run:
         """Return the run of a variant."""
-        robot = self.robot()
+        robot, failure = self.robot(), variant.failure
         controller = Controller(robot, Stack.from_yaml(variant.stack, robot), variant.settings,
                                 variant.solver)
-        return simulate(controller, self.start, round(self.duration / controller.settings.period),
-                        lambda now: self._set_goals(controller, now))
+        period = controller.settings.period
+
+        def prepare(now: float) -> None:
+            self._set_goals(controller, now)
+            if failure and failure.locked and round((now - failure.time) / period) == 0:
+                controller.lock([failure.joint], now)
+
+        def carried_out(now: float, velocity: Array) -> Array:
+            if failure is None or now < failure.time:
+                return velocity
+            return np.where(np.arange(robot.n) == robot.joint_index(failure.joint), 0.0, velocity)
+
+        return simulate(controller, self.start, round(self.duration / period), prepare,
+                        carried_out)
 
     def _set_goals(self, controller: Controller, now: float) -> None:
         """Set the goals at a time, with their velocity if they move."""
@@ -140,6 +167,15 @@ class Scene:
                     task, (np.asarray(later[task]) - np.asarray(goal)) / period, now)
             elif not now or self.goals(now - period)[task] is not goal:
                 controller.set_goal(task, goal, now)
+
+    def _goal_changes(self, times: Array) -> Iterator[tuple[float, str, Goal]]:
+        """Yield (time, task, goal) of every new goal."""
+        last: Mapping[str, Goal] = {}
+        for now in times.tolist():
+            for task, goal in self.goals(now).items():
+                if last.get(task) is not goal:
+                    yield now, task, goal
+            last = self.goals(now)
 
 
 def play(name: str, scene: Scene, folder: str | Path) -> Outcome:
@@ -211,16 +247,4 @@ def _figures(name: str, scene: Scene, folder: Path, runs: Mapping[str, Run],
                        {named[variant]: values for variant, values in curves[label].items()},
                        curve.lower, curve.upper) for label, curve in scene.curves.items()],
         title=scene.title, active={task: first.active(task) for task in scene.active})
-    yield from films(folder / f'{name}.webp', Motion(
-        scene.title, first.robot, first.times, first.q, first.stack, scene.look,
-        list(_goal_changes(scene, first.times)), scene.captions or ((0.0, scene.title),)))
-
-
-def _goal_changes(scene: Scene, times: Array) -> Iterator[tuple[float, str, Goal]]:
-    """Yield (time, task, goal) of every new goal."""
-    last: Mapping[str, Goal] = {}
-    for now in times.tolist():
-        for task, goal in scene.goals(now).items():
-            if last.get(task) is not goal:
-                yield now, task, goal
-        last = scene.goals(now)
+    yield from films(folder / f'{name}.webp', scene.motion(first))

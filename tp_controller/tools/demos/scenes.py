@@ -3,7 +3,7 @@
 
 """Scenes of a lesson on task priorities, in simulated time without ROS."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 import math
 from typing import cast
@@ -12,7 +12,7 @@ import numpy as np
 from tp_controller import Robot, Settings
 from tp_controller.model.shapes import Cylinder, Sphere
 from tp_controller.model.simulator import initial_positions
-from tp_controller.model.spatial import Array
+from tp_controller.model.spatial import Array, rotation_from_rpy
 from tp_controller.resources import package_share
 from tp_controller.solver.sequential import SequentialSolver
 from tp_controller.tasks.goal_holder import Goal
@@ -20,7 +20,7 @@ from tp_controller.tasks.joint_limits import JointLimits
 from tp_controller.tasks.obstacles import Obstacles
 from tp_controller.tools.demos.motion import FixedObject, Look
 from tp_controller.tools.demos.scenarios import Demo
-from tp_controller.tools.demos.scene import Check, Curve, Scene, Variant
+from tp_controller.tools.demos.scene import Check, Curve, Failure, Scene, Variant
 from tp_controller.tools.demos.simulation import Run
 
 ROBOTS = package_share() / 'config' / 'robots'
@@ -33,6 +33,14 @@ CAMERA_OBJECTS = (FixedObject('camera', Cylinder(0.014, 0.03)),
 DEMOS = {name: Demo(name, title, leader) for name, title, leader in (
     ('camera', 'A camera on an arm with five joints', 'place'),
     ('bounds', 'Bounds that switch on and off', 'tool'))}
+# Time at which a joint fails, and time for each pose of the tool [s].
+FAILS, SECONDS_PER_POSE = 0.8, 5.0
+FAILED_JOINT, FAILED_TOOL = 'panda_joint3', 'panda_hand_tcp'
+FAILED_START = (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.785)
+# Shift [m] and turn (roll, pitch, yaw) [rad] of each pose of the tool from the first one.
+FAILED_GOALS = (
+    ((0.05, 0.35, 0.0), (0.2, 0.0, 0.4)), ((0.1, -0.1, -0.15), (0.0, -0.3, 0.0)),
+    ((-0.05, 0.2, 0.1), (0.3, 0.2, 0.0)))
 # Postures and tasks of the scenes that have no files.
 MOBILE_START = '{torso_lift: 0.15, arm_1: 0.3, arm_2: 0.5, arm_4: 1.2, arm_6: -0.6}'
 MOBILE_STACK = """
@@ -160,9 +168,48 @@ def forms() -> Scene:
         moving=True, look=Look(('link3',), view=(-90.0, 55.0), ground=-0.12, enlarged=2.3))
 
 
+def failed_joint() -> Scene:
+    """Return the scene of a joint that fails in motion (lecture 1.1)."""
+    robot, stack = _panda(), package_share() / 'config' / 'failed_joint_stack.yaml'
+    first = robot.state(FAILED_START).pose(FAILED_TOOL)
+    poses = [_moved(first, shift, turn) for shift, turn in FAILED_GOALS]
+    column, off, turned = robot.joint_index(FAILED_JOINT), 'tool off its goal', 'tool turned'
+    locked, working, untold = 'locked', 'no failure', 'in vain'
+    ends = [(SECONDS_PER_POSE * number - 0.02, SECONDS_PER_POSE * number)
+            for number in range(1, len(poses) + 1)]
+    reached = [Check(case, curve, most, since=since, until=until)
+               for case in (locked, working) for curve, most in ((off, 0.5), (turned, 0.1))
+               for since, until in ends]
+    missed = [Check(untold, off, error, 0.02, since, until)
+              for error, (since, until) in zip((9.3, 77.2, 26.8), ends)]
+    return Scene(
+        'A joint fails in motion',
+        f'Joint 3 of 7 stands still from {FAILS:g} s on. Does the tool still reach its poses, of '
+        'six rows?',
+        'Yes, if the controller is told, by a lock: the other six joints are enough. One that '
+        'goes on to command the joint in vain misses all of them.',
+        _panda, np.array(FAILED_START), SECONDS_PER_POSE * len(poses),
+        lambda now: {'tool': poses[min(int(now / SECONDS_PER_POSE + 1e-9), len(poses) - 1)]},
+        {locked: Variant(stack, failure=Failure(FAILED_JOINT, FAILS, True)),
+         working: Variant(stack), untold: Variant(stack, failure=Failure(
+             FAILED_JOINT, FAILS, False))},
+        {off: Curve('mm', lambda run: 1e3 * run.errors['tool']),
+         turned: Curve('°', lambda run: np.degrees([
+             report.tasks[0].errors[1][0] for report in run.reports])),
+         'command of joint 3': Curve('rad/s', lambda run: np.abs(run.velocities[:, column])),
+         'fastest joint, share of its limit': Curve('%', lambda run: 100.0 * np.abs(
+             run.velocities / run.robot.velocity).max(axis=1))},
+        (*reached, Check(locked, 'command of joint 3', 0.0, since=FAILS),
+         Check(locked, 'fastest joint, share of its limit', 100.0), *missed),
+        captions=((0.0, 'all joints work'), (FAILS, 'joint 3 has failed: locked, the others go '
+                                                    'on')),
+        look=Look((FAILED_TOOL,), view=(-40.0, 25.0)))
+
+
 # {name: function that makes the scene}; files are read only then.
 SCENES: Mapping[str, Callable[[], Scene]] = {
-    'camera': camera, 'bounds': bounds, 'weights': weights, 'forms': forms}
+    'camera': camera, 'bounds': bounds, 'weights': weights, 'forms': forms,
+    'failed_joint': failed_joint}
 
 
 def sight(run: Run) -> Array:
@@ -184,6 +231,20 @@ def _planar_goals(now: float) -> dict[str, list[float]]:
     turn = math.sin(math.tau * now / 10.0)
     return {'end_effector': [0.8 + 0.2 * math.sin(math.tau * now / 5.0), 0.9, 0.0],
             'joint1': [0.1 - 0.55 * turn]}
+
+
+def _moved(pose: Array, shift: Sequence[float], turn: Sequence[float]) -> Array:
+    """Return a pose (4, 4), shifted and turned in the root."""
+    goal = pose.copy()
+    goal[:3, 3] += shift
+    goal[:3, :3] = rotation_from_rpy(*turn).dot(pose[:3, :3])
+    return goal
+
+
+@cache
+def _panda() -> Robot:
+    """Return the arm with seven joints."""
+    return Robot.from_file(ROBOTS / 'panda.yaml')
 
 
 @cache

@@ -15,7 +15,7 @@ from tp_controller import Robot, Stack
 from tp_controller.model.shapes import Box
 from tp_controller.tasks.sketch import Arrow, Body, Dot, Triad
 from tp_controller.tools.cli.demo import FILM, NO_FILM
-from tp_controller.tools.demos import film
+from tp_controller.tools.demos import film, stage
 from tp_controller.tools.demos.motion import FixedObject, Look, Motion, Playback
 from tp_controller.tools.demos.outcome import FILM_VARIABLE, films, NONE
 from tp_controller.tools.extras import install_command
@@ -177,7 +177,7 @@ def test_robot_of_a_film_stands_on_the_ground_at_first_unless_it_is_said_where(
         '<axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint></robot>')
     server = ViserServer('127.0.0.1', 0, verbose=False)
     try:
-        film._Stage(server.scene, motion_of(
+        stage.Stage(server.scene, motion_of(
             robot, np.array([[-1.0], [-1.5]]), TIMES[:2], ground=ground), CAMERA, 720)
         shown = server.scene.get_handle_by_name('/ground')
         assert shown.position[2] == pytest.approx(height)
@@ -190,11 +190,11 @@ def test_all_that_a_film_shows_is_in_its_picture():
     motion = motion_of(robot, swing(robot), goals=[(0.0, 'tool', [2.0, 2.0, 0.0])],
                        objects=(FixedObject('link3', Box(0.1, 0.1, 0.1)),))
     samples = film.shown_samples(TIMES)
-    seen, sketches = film._seen(motion, samples)
-    seen = np.concatenate([seen, *(film.extent(sketch, 1.0) for sketch in sketches)])
+    seen, sketches = stage.seen(motion, samples)
+    seen = np.concatenate([seen, *(stage.extent(sketch, 1.0) for sketch in sketches)])
     assert seen.max(axis=0) == pytest.approx([2.0, 2.0, 0.1], abs=0.2)
     for view in ((-90.0, 90.0), (-45.0, 25.0), (130.0, -20.0)):
-        camera = film.camera_for(seen, view, 4.0 / 3.0)
+        camera = stage.camera_for(seen, view, 4.0 / 3.0)
         right, down, forward = ((seen - camera.position) @ camera.R).T
         half = np.tan(0.5 * film.FILM_FOV)
         assert np.abs(right / forward).max() < half * 4.0 / 3.0 * 0.95

@@ -188,3 +188,32 @@ def test_forms_differ_at_the_edge_and_where_both_tasks_are_possible(played):
 def test_a_check_names_the_times_between_which_it_counts():
     assert Check('a', 'b', 1.0, since=3.5, until=4.0).window == ' from 3.5 s to 4 s'
     assert Check('a', 'b', 1.0).window == ''
+
+
+def test_tool_arrives_at_each_pose_without_the_joint_and_misses_all_if_it_is_not_told(played):
+    runs, goals = played('failed_joint')['runs'], played('failed_joint')['scene'].goals
+    documented = '9.3, 77.2 and 26.8 mm'
+    assert documented in (REPOSITORY / 'docs' / 'lab.md').read_text(encoding='utf-8')
+    for end in (5.0, 10.0, 15.0):
+        goal, sample = goals(end - 0.01)['tool'], round(100.0 * end) - 1
+        away = {}
+        for name, run in runs.items():
+            pose = run.robot.state(run.q[sample]).pose('panda_hand_tcp')
+            away[name] = 1e3 * np.linalg.norm(pose[:3, 3] - goal[:3, 3])
+            turn = Rotation.from_matrix(pose[:3, :3].T @ goal[:3, :3]).magnitude()
+            assert math.degrees(turn) < 0.01 or name == 'in vain'
+        # As soon as with all joints.
+        assert f'{away["in vain"]:.1f}' in documented
+        assert away['locked'] < 0.05 and away['no failure'] < 0.05 and away['in vain'] > 5.0
+
+
+def test_joint_fails_in_motion_and_stands_from_then_on(played):
+    runs, third, fails = played('failed_joint')['runs'], 2, 80
+    for name in ('locked', 'in vain'):
+        run = runs[name]
+        assert run.velocities[fails - 1, third] > 0.1
+        assert np.ptp(run.q[fails:, third]) < 1e-12
+    assert not runs['locked'].velocities[fails:, third].any()
+    assert np.abs(runs['in vain'].velocities[fails:, third]).min() > 0.0
+    # It would have gone on.
+    assert np.ptp(runs['no failure'].q[fails:, third]) > 0.2
