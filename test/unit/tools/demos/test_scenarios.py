@@ -16,9 +16,10 @@ from tp_controller.tasks import task_types
 from tp_controller.tools.cli.demo import DEMOS as DESCRIBED
 from tp_controller.tools.cli.demo import INTERACTIVE_DEMO
 from tp_controller.tools.cli.view import DEMOS as VIEWED
-from tp_controller.tools.cli.view import WITHOUT_NODES
+from tp_controller.tools.cli.view import LESSONS, PLAYED, WITHOUT_PAGE
 from tp_controller.tools.demos.scenarios import DEMOS, goal_fields, node_parameters
 from tp_controller.tools.demos.scenes import DEMOS as SCENES
+from tp_controller.tools.demos.scenes import SCENES as ALL_SCENES
 import yaml
 
 PERIOD = 0.01
@@ -264,5 +265,6 @@ def test_a_demo_needs_no_library_for_recordings():
 
 def test_every_demo_is_found_by_both_commands():
     ours = set(DESCRIBED) | {INTERACTIVE_DEMO}
-    assert set(VIEWED) | set(WITHOUT_NODES) == ours
-    assert not set(VIEWED) & set(WITHOUT_NODES) and set(VIEWED) - set(FILES) == {INTERACTIVE_DEMO}
+    assert sorted((*VIEWED, *PLAYED, *WITHOUT_PAGE)) == sorted(ours)
+    assert set(VIEWED) - set(FILES) == {INTERACTIVE_DEMO}
+    assert set(LESSONS) == set(ALL_SCENES) and set(LESSONS) - set(PLAYED) == set(SCENES)
