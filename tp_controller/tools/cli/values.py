@@ -35,7 +35,7 @@ def whole_number(text: str) -> int:
 
 def whole_count(text: str) -> int:
     """Parse an integer from 1 on."""
-    if not whole_number(text):
+    if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
     return int(text)
 

@@ -171,3 +171,10 @@ def test_wrong_numbers_are_refused_by_the_parser(capsys, arguments):
     with pytest.raises(SystemExit) as ended:
         main(['ik', TIP, *arguments, '--robot', str(PANDA_DH)])
     assert ended.value.code == 2
+
+
+@pytest.mark.parametrize('text', ['0', '-1', 'x'])
+def test_refused_count_is_told_the_least_one(capsys, text):
+    with pytest.raises(SystemExit):
+        main(['ik', TIP, '--attempts', text, '--robot', str(PLANAR_DH)])
+    assert f"{text}' is not a whole number from 1 on" in capsys.readouterr().err
