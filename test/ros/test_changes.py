@@ -396,7 +396,8 @@ def test_unknown_parameters_are_named_in_one_warning(harness, log):
     harness.controller(dampnig=0.5, foo__bar=1, qos_overrides__x=1)
     lines = [line for line in log().splitlines() if 'unknown parameters' in line]
     assert len(lines) == 1 and 'WARN' in lines[0]
-    assert lines[0].endswith('unknown parameters, ignored: dampnig, foo.bar')
+    assert lines[0].endswith('unknown parameters, ignored: '
+                             "'dampnig' (did you mean 'damping'?), 'foo.bar'")
 
 
 @pytest.mark.parametrize('chosen, told', [('', 1), ('python', 0)])

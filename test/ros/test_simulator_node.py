@@ -284,7 +284,7 @@ def test_a_simulator_needs_a_robot(harness):
 
 def test_unknown_parameters_are_named(harness, log):
     harness.simulator(robot=str(PLANAR_DH), sped=2.0, wait__what=1)
-    assert 'unknown parameters, ignored: sped, wait.what' in log()
+    assert "unknown parameters, ignored: 'sped' (did you mean 'speed'?), 'wait.what'" in log()
 
 
 def test_every_parameter_is_described(harness):

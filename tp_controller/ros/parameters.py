@@ -210,4 +210,6 @@ def warn_unknown(node: Node) -> None:
     names = [name for name in initial_parameters(node) if not node.has_parameter(name)
              and not name.startswith((LIMITS, TASKS, 'qos_overrides.'))]
     if names:
-        node.get_logger().warning(f'unknown parameters, ignored: {", ".join(sorted(names))}')
+        known = sorted(node.get_parameters_by_prefix(''))
+        node.get_logger().warning('unknown parameters, ignored: ' + ', '.join(
+            suggestion(name, known) for name in sorted(names)))
