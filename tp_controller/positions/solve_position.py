@@ -198,6 +198,14 @@ class PositionSolver:
             if name not in tasks:
                 raise GoalError(unknown('task with a position', name, tasks))
 
+    def is_goal(self, name: str, goal: Goal) -> bool:
+        """Return whether a task takes a goal."""
+        try:
+            self._parsed(name, goal)
+        except GoalError:
+            return False
+        return True
+
     def _begin(self, goals: Mapping[str, Goal] | None, start: ArrayLike | None,
                passive: ArrayLike | None) -> Array:
         """Set the goals and passive positions, and return the start (nq,), within the limits."""

@@ -132,6 +132,13 @@ def _solve_row(solver: PositionSolver, goals: Mapping[str, Sequence[Goal]], star
         return solver.solve({name: given[index] for name, given in goals.items()}, start,
                             **options)
     except GoalError as error:
+        for name, given in goals.items():
+            if solver.is_goal(name, given):
+                shape = np.shape(given)
+                raise GoalError(
+                    f'the goals of task {name!r} need a list or array with one goal for each '
+                    f'result, such as one of shape (N, {", ".join(map(str, shape))}), not a '
+                    f'single goal of shape {shape}') from error
         raise GoalOfManyError(index, error) from error
 
 

@@ -171,3 +171,14 @@ def test_invalid_goal_is_named_by_its_number(form):
     options = {'criterion': 'limits', 'attempts': 1} if form == 'criterion' else {}
     with pytest.raises(GoalError, match="goal 5: the goal of task 'tool'"):
         solve_positions(robot, stack, {'tool': goals}, jobs=1, **options)
+
+
+@pytest.mark.parametrize(('goal', 'valid', 'given'), [
+    ([0.4, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0], '(N, 7)', '(7,)'), (np.eye(4), '(N, 4, 4)', '(4, 4)')],
+    ids=['numbers', 'matrix'])
+def test_single_goal_is_refused_with_the_shape_of_several(goal, valid, given):
+    robot = robots.panda()
+    with pytest.raises(GoalError) as error:
+        solve_positions(robot, Stack.from_yaml(TEXT, robot), {'tool': goal}, jobs=1)
+    assert str(error.value).startswith("the goals of task 'tool' need a list or array")
+    assert f'such as one of shape {valid}, not a single goal of shape {given}' in str(error.value)
