@@ -4,9 +4,10 @@
 """``tp_controller ik``: configurations at which the goals of a stack are reached."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import json
 from pathlib import Path
+import sys
 from typing import Any, TYPE_CHECKING
 
 from tp_controller.errors import GoalError, RobotError, TpControllerError, unknown
@@ -103,8 +104,10 @@ def run_ik(options: argparse.Namespace) -> int:
             found = _solve(given.robot, given.stack, read_table(options.csv), driven,
                            options.jobs or -1, chosen)
         else:
-            found = [solve_position(given.robot, given.stack, parse_goals(options.goal),
-                                    _start(given.robot, driven), **chosen)]
+            start = _start(given.robot, driven)
+            _note_outside(given.robot, driven.items())
+            found = [solve_position(given.robot, given.stack, parse_goals(options.goal), start,
+                                    **chosen)]
     except Refused as error:
         return refuse('; '.join(' '.join(filter(None, each)) for each in error.messages()))
     except TpControllerError as error:
@@ -128,6 +131,7 @@ def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, common: dict[str, f
     from tp_controller.positions.solve_positions import GoalOfManyError, solve_positions
     starts = np.array([_start(robot, {**common, **own}) for own in table.starts]).reshape(
         -1, robot.nq)
+    _note_outside(robot, (each for own in table.starts for each in {**common, **own}.items()))
     if not table.goals:
         return [solve_position(robot, stack, None, start, **chosen) for start in starts]
     found: list[PositionSolution] = []
@@ -165,6 +169,19 @@ def _start(robot: 'Robot', positions: dict[str, float]) -> Any:
             raise RobotError(unknown('joint', name, robot.coordinate_names))
         q[robot.coordinate_names.index(name)] = position
     return q
+
+
+def _note_outside(robot: 'Robot', starts: Iterable[tuple[str, float]]) -> None:
+    """Print a note for each (joint, position) of starts outside the position limits, once."""
+    for name, position in dict.fromkeys(starts):
+        if name not in robot.joint_names:
+            continue
+        row = robot.joint_index(name)
+        for word, limit, beyond in (('lower', robot.lower[row], position < robot.lower[row]),
+                                    ('upper', robot.upper[row], position > robot.upper[row])):
+            if beyond:
+                print(f'tp_controller: the start of {name}, {position:.6g}, is beyond its {word} '
+                      f'position limit: the search begins at {limit:.6g}', file=sys.stderr)
 
 
 def _text(robot: 'Robot', found: Sequence['PositionSolution']) -> str:

@@ -178,3 +178,25 @@ def test_refused_count_is_told_the_least_one(capsys, text):
     with pytest.raises(SystemExit):
         main(['ik', TIP, '--attempts', text, '--robot', str(PLANAR_DH)])
     assert f"{text}' is not a whole number from 1 on" in capsys.readouterr().err
+
+
+def test_start_outside_the_position_limits_is_noted(capsys, tmp_path):
+    found = tmp_path / 'found.csv'
+    arguments = ('- one: {type: joint, joints: panda_joint1, target: [0.7]}', '--output', found,
+                 '--start')
+    results = []
+    for start in (9.0, 2.8973, -0.0698, 3.7525):
+        joint = 'panda_joint1' if start in (9.0, 2.8973) else 'panda_joint4'
+        _, out, err = run(capsys, *arguments, f'{joint}={start}', robot=PANDA_DH)
+        results.append((out, found.read_text(), err))
+    assert results[0][:2] == results[1][:2]
+    assert results[0][2].splitlines() == [
+        'tp_controller: the start of panda_joint1, 9, is beyond its upper position limit: the '
+        'search begins at 2.8973']
+    assert [bool(err) for *_, err in results] == [True, False, False, True]
+    table = tmp_path / 'starts.csv'
+    table.write_text('start.panda_joint2\n-5\n0\n-5\n')
+    err = run(capsys, arguments[0], '--csv', table, '--start', 'panda_joint1=9',
+              robot=PANDA_DH)[2]
+    assert [line.partition(', ')[0] for line in err.splitlines()] == [
+        f'tp_controller: the start of panda_joint{number}' for number in (1, 2)]
