@@ -93,10 +93,10 @@ def bounds() -> Scene:
     return Scene(
         demo.title,
         'When do an obstacle and the margin of a joint limit have an effect?',
-        'While their multipliers are not zero, and no longer: a band marks these times. Beside '
-        'the ball the tool is led around it; near the base joint 4 stops at its margin, and the '
-        'other joints bring the tool to its goal. A goal in the ball keeps the bound active: the '
-        'tool stops in front of it.',
+        'While their multipliers are not zero, and no longer: the plot of the demo has a band at '
+        'these times. Beside the ball the tool is led around it; near the base joint 4 stops at '
+        'its margin, and the other joints bring the tool to its goal. A goal in the ball keeps '
+        'the bound active: the tool stops in front of it.',
         lambda: demo.robot, demo.start, SECONDS_PER_GOAL * len(demo.steps), _steps(demo),
         {'bounds': Variant(demo.file('_stack'), demo.settings)},
         {'distance from the ball': Curve('m', lambda run: run.values(
