@@ -12,7 +12,7 @@ from tp_controller.tools.demos.scene import Curve, Scene
 from tp_controller.tools.demos.simulation import Run
 from tp_controller.tools.demos.stage import camera_of, Stage
 from tp_controller.tools.view.camera import FILM_FOV
-from tp_controller.tools.view.plots import CURVE_COLOURS, HEIGHT, LIMIT_COLOUR
+from tp_controller.tools.view.plots import HEIGHT, series_of
 from tp_controller.tools.view.scene import add_sky
 from tp_controller.tools.view.stack_panel import assign
 import viser
@@ -123,13 +123,8 @@ def add_question(gui: viser.GuiApi, scene: Scene) -> None:
 def _add_plot(gui: viser.GuiApi, title: str, curve: Curve, runs: Mapping[str, Run]) -> None:
     """Add a plot of a curve of all runs over time, with its bounds as lines."""
     first = next(iter(runs.values()))
-    values = {name: np.asarray(curve.values(run), dtype=float) for name, run in runs.items()}
+    values = (np.asarray(curve.values(run), dtype=float) for run in runs.values())
     bounds = [bound for bound in (curve.lower, curve.upper) if np.isfinite(bound)]
-    series: list[viser.uplot.Series] = [{'label': 's'}]
-    series += [{'label': name, 'width': 1.5, 'stroke': CURVE_COLOURS[number]}
-               for number, name in enumerate(values)]
-    series += [{'label': 'bound', 'stroke': LIMIT_COLOUR, 'width': 1, 'dash': (6, 4)}
-               for _ in bounds]
-    gui.add_uplot((first.times, *values.values(), *(np.full(len(first.times), bound)
-                                                    for bound in bounds)),
-                  tuple(series), title=title, height=HEIGHT, scales={'x': {'time': False}})
+    lines = (np.full(len(first.times), bound) for bound in bounds)
+    gui.add_uplot((first.times, *values, *lines), series_of(tuple(runs), len(bounds)),
+                  title=title, height=HEIGHT, scales={'x': {'time': False}})

@@ -6,7 +6,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 import math
-from typing import cast
+from typing import cast, TypeVar
 
 import numpy as np
 from tp_controller import Robot, Settings
@@ -22,6 +22,8 @@ from tp_controller.tools.demos.motion import FixedObject, Look
 from tp_controller.tools.demos.scenarios import Demo
 from tp_controller.tools.demos.scene import Check, Curve, Failure, Scene, Variant
 from tp_controller.tools.demos.simulation import Run
+
+Step = TypeVar('Step')
 
 ROBOTS = package_share() / 'config' / 'robots'
 SECONDS_PER_GOAL = 4.0
@@ -189,7 +191,7 @@ def failed_joint() -> Scene:
         'Yes, if the controller is told, by a lock: the other six joints are enough. One that '
         'goes on to command the joint in vain misses all of them.',
         _panda, np.array(FAILED_START), SECONDS_PER_POSE * len(poses),
-        lambda now: {'tool': poses[min(int(now / SECONDS_PER_POSE + 1e-9), len(poses) - 1)]},
+        lambda now: {'tool': _at(now, poses, SECONDS_PER_POSE)},
         {locked: Variant(stack, failure=Failure(FAILED_JOINT, FAILS, True)),
          working: Variant(stack), untold: Variant(stack, failure=Failure(
              FAILED_JOINT, FAILS, False))},
@@ -263,10 +265,15 @@ def _planar_robot() -> Robot:
 def _steps(demo: Demo) -> Callable[[float], Mapping[str, Goal]]:
     """Return the goals of a demo over time, each step for `SECONDS_PER_GOAL`."""
     def goals(now: float) -> Mapping[str, Goal]:
-        step = demo.steps[min(int(now / SECONDS_PER_GOAL + 1e-9), len(demo.steps) - 1)]
-        return {goal['task']: goal['xyz'] for goal in step}
+        return {goal['task']: goal['xyz']
+                for goal in _at(now, demo.steps, SECONDS_PER_GOAL)}
 
     return goals
+
+
+def _at(now: float, steps: Sequence[Step], seconds: float) -> Step:
+    """Return the step at a time [s], each of a duration [s]; the last one from its start on."""
+    return steps[min(int(now / seconds + 1e-9), len(steps) - 1)]
 
 
 def _captions(demo: Demo) -> tuple[tuple[float, str], ...]:

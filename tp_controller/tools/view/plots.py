@@ -96,7 +96,7 @@ class RunningPlot:
         """Show the samples."""
         if not self.names or not self._times:
             return
-        data, series = self._data(), self._series()
+        data, series = self._data(), series_of(self.names, len(self._limits))
         if self._plot is None:
             self._plot = self._gui.add_uplot(data, series, title=self._title, height=HEIGHT,
                                              padding=PADDING, **self._axes())
@@ -117,21 +117,20 @@ class RunningPlot:
                 'axes': ({'ticks': TICKS}, {'ticks': TICKS, 'splits': powers,
                                             'values': labels(powers)})}
 
-    def _series(self) -> tuple[viser.uplot.Series, ...]:
-        """Return labels and styles of the curves."""
-        series: list[viser.uplot.Series] = [{'label': 's'}]
-        series += [{'label': name, 'width': 1.5,
-                    'stroke': CURVE_COLOURS[number % len(CURVE_COLOURS)]}
-                   for number, name in enumerate(self.names)]
-        series += [{'label': 'limit', 'stroke': LIMIT_COLOUR, 'width': 1, 'dash': (6, 4)}
-                   for _ in self._limits]
-        return tuple(series)
-
     def _data(self) -> tuple[Array, ...]:
         """Return times relative to the last sample, and values (k,)."""
         times = np.array(self._times) - self._times[-1]
         return (times, *np.array(self._rows).T,
                 *(np.full(len(times), limit) for limit in self._limits))
+
+
+def series_of(names: Sequence[str], limits: int) -> tuple[viser.uplot.Series, ...]:
+    """Return labels and styles of a plot over time: its curves, then a number of limits."""
+    series: list[viser.uplot.Series] = [{'label': 's'}]
+    series += [{'label': name, 'width': 1.5, 'stroke': CURVE_COLOURS[number % len(CURVE_COLOURS)]}
+               for number, name in enumerate(names)]
+    series += [{'label': 'limit', 'stroke': LIMIT_COLOUR, 'width': 1, 'dash': (6, 4)}] * limits
+    return tuple(series)
 
 
 @dataclass(frozen=True)
