@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 import shlex
 
+from ament_index_python.packages import get_packages_with_prefixes
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
@@ -73,8 +74,10 @@ def generate_launch_description() -> LaunchDescription:
             'use_sim_time', default_value='false', choices=['true', 'false'],
             description='let the simulator publish /clock, and everything else follow it'),
         DeclareLaunchArgument(
-            'rviz', default_value='true', choices=['true', 'false'],
-            description='start RViz and what it needs: robot model, frames, goals of the tasks'),
+            'rviz', choices=['true', 'false'],
+            default_value=str('rviz2' in get_packages_with_prefixes()).lower(),
+            description='start RViz and what it needs: robot model, frames, goals of the tasks; '
+                        'by default where it is installed'),
         DeclareLaunchArgument(
             'goals', default_value='true', choices=['true', 'false'],
             description='send the goals of the demo, one after the other'),

@@ -143,7 +143,8 @@ def test_every_program_exists_in_its_package(path):
         else:
             # The programs of the others are called as their packages.
             assert package == executable
-            assert f'<exec_depend>{package}</exec_depend>' in depends
+            # RViz alone is optional.
+            assert (f'<exec_depend>{package}</exec_depend>' in depends) is (package != 'rviz2')
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
@@ -289,6 +290,19 @@ def test_a_demo_in_a_namespace_has_its_parameters_and_shows_itself_in_rviz(start
     assert '__ns:=/left' in rviz
     _, (description, *_) = told['robot_state_publisher']
     assert '<robot' in description
+
+
+def test_the_demo_runs_without_rviz(start, domain, workspace):
+    from tp_controller.ros.client.client import Client
+    marker = workspace / 'share' / 'ament_index' / 'resource_index' / 'packages' / 'rviz2'
+    marker.unlink()
+    try:
+        launched = start('demo.launch.py', 'goals:=false')
+        with Client('tp_controller') as client:
+            client.wait(client.task_names, DEADLINE)
+    finally:
+        marker.touch()
+    assert launched.running() and not launched.told()
 
 
 def test_another_robot_stays_where_it_is(start, listener):

@@ -45,7 +45,7 @@ MADE = shutil.ignore_patterns('__pycache__', '*.so', '_build', 'generated')
 # Module: (requirement in setup.py, key in package.xml; None where rosdep has none).
 # Every other module that is not Python's own is a ROS package.
 THIRD_PARTY = {
-    'PIL': ('Pillow', 'python3-pil'),
+    'PIL': ('Pillow', None),
     # Before Python 3.14, and from then on; rosbags brings it.
     'backports': ('rosbags', None),
     'compression': ('rosbags', None),
@@ -56,8 +56,8 @@ THIRD_PARTY = {
     'lz4': ('rosbags', None),
     'msgspec': ('viser', None),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
-    'matplotlib': ('matplotlib', 'python3-matplotlib'),
-    'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
+    'matplotlib': ('matplotlib', None),
+    'mpl_toolkits': ('matplotlib', None),
     'numpy': ('numpy', 'python3-numpy'),
     # pytest brings it.
     'packaging': ('pytest', 'python3-pytest'),
@@ -189,13 +189,12 @@ def test_package_xml_is_valid():
     assert warnings == []
 
 
-def test_nodes_and_commands_for_them_run_without_the_keys_that_may_be_skipped(package_xml):
-    page = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
-    keys, = re.findall('--skip-keys "(.*)"', page)
-    assert {*keys.split()} <= {*dependencies(package_xml)}
-    modules = [module for module, (_, key) in THIRD_PARTY.items() if key in keys.split()]
-    assert {'matplotlib', 'PIL'} <= {*modules}
+def test_nodes_and_commands_for_them_run_with_what_package_xml_names(package_xml):
+    """RViz and plots are no dependencies: the computer of a robot has no use for them."""
+    assert not {'rviz2', 'python3-matplotlib', 'python3-pil'} & {*dependencies(package_xml)}
     pytest.importorskip('rclpy')
+    modules = [module for module, (name, key) in THIRD_PARTY.items() if name and key is None]
+    assert {'matplotlib', 'PIL', 'viser'} <= {*modules}
     code = (f'import importlib, sys; sys.modules.update(dict.fromkeys({modules!r}))\n'
             'for name in ("ros.controller_node", "ros.simulator_node", "ros.watchdog_node", '
             '"ros.client.client", "tools.cli.main", "tools.demos.scenarios"):\n'
