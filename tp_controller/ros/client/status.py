@@ -128,6 +128,12 @@ class ControllerStatus:
         return self.values.keys() >= OWN_KEYS
 
     @property
+    def summary(self) -> str:
+        """Return the head, and the joints that are locked."""
+        locked = self.values.get('locked', '')
+        return f'{self.head}, locked: {locked}' if locked else self.head
+
+    @property
     def stop_reason(self) -> str:
         """Return the reason for zero commands; empty while the tasks are executed."""
         return '' if self.head == RUNNING else self.head

@@ -100,14 +100,16 @@ def run_ik(options: argparse.Namespace) -> int:
         driven, passive = _divided(given.robot, dict(options.start))
         chosen = {'attempts': options.attempts, 'timeout': options.timeout, 'seed': options.seed,
                   'criterion': options.criterion, 'passive': passive}
-        if options.csv:
-            found = _solve(given.robot, given.stack, read_table(options.csv), driven,
-                           options.jobs or -1, chosen)
+        table = read_table(options.csv) if options.csv else None
+        goals = table.goals if table else parse_goals(options.goal)
+        if not goals:
+            _check_stack_has_goals(given.stack)
+        if table:
+            found = _solve(given.robot, given.stack, table, driven, options.jobs or -1, chosen)
         else:
             start = _start(given.robot, driven)
             _note_outside(given.robot, driven.items())
-            found = [solve_position(given.robot, given.stack, parse_goals(options.goal), start,
-                                    **chosen)]
+            found = [solve_position(given.robot, given.stack, goals, start, **chosen)]
     except Refused as error:
         return refuse('; '.join(' '.join(filter(None, each)) for each in error.messages()))
     except TpControllerError as error:
@@ -121,6 +123,15 @@ def run_ik(options: argparse.Namespace) -> int:
         except (OSError, TpControllerError) as error:
             return refuse(str(error))
     return 0 if all(each.reached for each in found) else 1
+
+
+def _check_stack_has_goals(stack: 'Stack') -> None:
+    """Raise `GoalError` if every task of a stack would keep its value at the start."""
+    tasks = [task for task in stack.active_tasks if task.has_position]
+    if not any(task.bounded or task.is_objective or task.goal is not None for task in tasks):
+        names = ', '.join(task.name for task in tasks) or 'none'
+        raise GoalError('no task has a goal, neither in the stack nor by --goal or --csv; tasks '
+                        f'that take one: {names}')
 
 
 def _solve(robot: 'Robot', stack: 'Stack', table: GoalTable, common: dict[str, float],

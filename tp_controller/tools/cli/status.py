@@ -103,7 +103,7 @@ def table(heard: Mapping[str, tuple[ControllerStatus, float]], width: int | None
     lines = []
     for name, (controller, age) in heard.items():
         silent = f'no status for {age:.0f} s' if age > SILENT_SECONDS else ''
-        lines += ['', f'/{name}: {silent or controller.head}',
+        lines += ['', f'/{name}: {silent or controller.summary}',
                   '  ' + ' '.join(f'{title:<{columns}}' for title, columns in COLUMNS) + ' reason']
         lines += map(_row, controller.tasks.values())
     return '\n'.join(plain(line.rstrip())[:width] for line in lines[1:])

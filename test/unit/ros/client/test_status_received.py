@@ -100,3 +100,8 @@ def test_what_is_kept_is_bounded_and_printable():
 def test_a_warning_that_the_reason_contains_is_not_repeated():
     assert task(**TASK).warnings == ['out of reach', 'too high']
     assert task(**TASK | {'reason': 'out of reach by 1 m'}).warnings == ['too high']
+
+
+def test_summary_names_joints_that_are_locked():
+    for locked, said in (('', 'running'), ('joint1, joint3', 'running, locked: joint1, joint3')):
+        assert ControllerStatus('/c', 'running', {'locked': locked}).summary == said

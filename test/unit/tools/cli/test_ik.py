@@ -200,3 +200,18 @@ def test_start_outside_the_position_limits_is_noted(capsys, tmp_path):
               robot=PANDA_DH)[2]
     assert [line.partition(', ')[0] for line in err.splitlines()] == [
         f'tp_controller: the start of panda_joint{number}' for number in (1, 2)]
+
+
+@pytest.mark.parametrize('column', [None, 'start.joint1'])
+def test_stack_without_a_goal_is_refused(capsys, tmp_path, column):
+    arguments = []
+    if column:
+        table = tmp_path / 'starts.csv'
+        table.write_text(f'{column}\n0.5\n')
+        arguments = ['--csv', table]
+    status, out, err = run(capsys, TIP + MIDDLE, *arguments)
+    assert (status, out) == (2, '')
+    assert 'no task has a goal' in err and 'tip, middle' in err
+    assert run(capsys, MIDDLE.replace('joint2}', 'joint2, target: [0.5]}'),
+               *arguments)[0] == 0
+    assert run(capsys, '- limits: {type: joint_limits}\n', *arguments)[0] == 0

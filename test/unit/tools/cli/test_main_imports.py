@@ -93,7 +93,8 @@ def test_output_that_nobody_reads_to_the_end_leaves_no_traceback():
         os.close(read)
         with os.fdopen(write) as output:
             done = subprocess.run(
-                [sys.executable, '-m', 'tp_controller', 'ik', '- p: {type: posture}', '--robot',
+                [sys.executable, '-m', 'tp_controller', 'ik',
+                 '- p: {type: joint, joints: joint1, target: [0.5]}', '--robot',
                  str(PLANAR_DH)], cwd=REPOSITORY, text=True, stdout=output,
                 stderr=subprocess.PIPE, timeout=60,
                 env={**os.environ, 'PYTHONUNBUFFERED': unbuffered})
