@@ -29,6 +29,8 @@ class Cycle(NamedTuple):
         `Solution.memory` of the previous cycle.
     standing : tuple of int
         Joints that stand and stay, which all levels leave out.
+    demand : Solution or None
+        Solution without transient limits, which the bounds follow; None where they follow none.
 
     """
 
@@ -37,6 +39,7 @@ class Cycle(NamedTuple):
     solver: Solver
     memory: Memory
     standing: tuple[int, ...] = ()
+    demand: Solution | None = None
 
     @classmethod
     def begin(cls, levels: list[Level], bounds: VelocityBounds, solver: Solver, memory: Memory
@@ -56,8 +59,9 @@ class Cycle(NamedTuple):
         """Return the cycle with bounds for the demand of levels, by default those of the stack."""
         if not self.bounds.follow_demand:
             return self
-        return self._replace(bounds=self.bounds.towards(self.aim(levels).velocity,
-                                                        levels is None))
+        demand = self.aim(levels)
+        return self._replace(bounds=self.bounds.towards(demand.velocity, levels is None),
+                             demand=demand)
 
     def aim(self, levels: list[Level] | None = None) -> Solution:
         """Return the solution of levels without transient limits."""

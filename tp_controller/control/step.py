@@ -93,7 +93,8 @@ class CycleMemory(NamedTuple):
         Time of the last command, on the clock of the caller [s]; None before the first one.
     time : CycleTime
     damping : tuple of float
-        `Solution.memory` of the solver, one number for each level.
+        `Solution.memory` of the solver, one number for each level; where a limit follows what the
+        tasks demand, of the solution without transient limits.
     transition : Transition
     escape : Escape
     demand : ndarray (n,) or None
@@ -221,9 +222,11 @@ def step(problem: Problem, memory: CycleMemory) -> tuple[Cycle, Outcome, CycleMe
         outcome = Outcome(solution, solution) if leaving is None else Outcome(
             solution, cycle.towards(leaving).solve(leaving), 'leaving a singularity')
     command, h = outcome.commanded.velocity, min(elapsed, options.period)
+    # Multipliers of a limit that follows the demand do not last.
+    lasting = cycle.demand or outcome.solution
     return cycle, outcome, CycleMemory(
         command, (command - last) / h, h, (command, *pending)[:options.delay], now, time,
-        outcome.solution.memory, transition, escape, cycle.bounds.demand)
+        lasting.memory, transition, escape, None if cycle.demand is None else lasting.velocity)
 
 
 def _blend(problem: Problem, memory: CycleMemory, cycle: Cycle, elapsed: float, time: CycleTime

@@ -79,11 +79,6 @@ class VelocityBounds(Bounds):
         """Return whether the bounds depend on what the tasks demand."""
         return self._limits.follow_demand
 
-    @property
-    def demand(self) -> Array | None:
-        """Return the velocities (n,) that the tasks demand; None where no limit follows them."""
-        return self._motion.demand
-
     def towards(self, demand: Array, goes_on: bool = True) -> 'VelocityBounds':
         """
         Return the bounds for velocities that the tasks demand.

@@ -145,6 +145,7 @@ class ControlCycle {
     limits.standing(its, standing_);
     for (Level &level : solver.levels) leave_out(solver.arena, standing_, level);
     demand = nullptr;
+    std::vector<double> lasting;
     if (limits.limits.follow_demand()) {
       // First without transient limits: these follow what the tasks demand.
       const std::vector<Level> levels = solver.levels;
@@ -154,6 +155,7 @@ class ControlCycle {
       limits.limits.jerk.follow(its, demand = solver.x);
       limits.box(its, false, lower, upper);
       if (!solver.looped && is_within(demand)) return;
+      lasting = solver.memory;
       solver.clear();
       solver.levels = levels;
       solver.memory = remembered;
@@ -161,6 +163,8 @@ class ControlCycle {
       limits.box(its, false, lower, upper);
     }
     solve(time);
+    // Multipliers of a limit that follows the demand do not last.
+    if (demand) solver.memory = lasting;
   }
 
   bool is_within(const double *x) const {

@@ -317,6 +317,22 @@ def test_an_arm_that_a_goal_stretches_comes_to_rest(rate, jerk):
     assert max(fastest[-rate:]) < 3e-3
 
 
+@pytest.mark.parametrize('compiled', [True, False])
+def test_what_a_jerk_limit_prevents_for_a_moment_damps_nothing_later(compiled):
+    robot = jerky()
+    controller = Controller(robot, Stack.from_yaml(STACK, robot), Settings(period=T, blend=0.0))
+    if not compiled:
+        controller._core.solve = lambda *given: None
+    q = np.array(robots.PANDA_READY)
+    controller.update(q, 0.0)
+    goal = robot.state(q).pose(robots.PANDA_TOOL).copy()
+    goal[2, 3] -= 0.05
+    controller.set_goal('tool', goal, 0.0)
+    _, tool, _ = controller.update(q, T).report.tasks
+    assert tool.achieved_speed < 0.5 * tool.demanded_speed
+    assert controller._memory.damping[1] == 0.0
+
+
 def test_after_a_stop_a_robot_starts_from_rest():
     robot = jerky()
     controller = Controller(robot, Stack.from_yaml(STACK, robot), Settings(period=T, blend=0.0))
