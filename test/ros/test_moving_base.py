@@ -453,7 +453,7 @@ def test_simulator_takes_both_types_of_velocities_of_a_base(harness, log, kind):
                        meanwhile=lambda: drive.publish(message))
 
 
-def test_watchdog_and_simulator_follow_a_change_of_the_type(harness):
+def test_watchdog_and_simulator_follow_a_change_of_the_type(harness, capfd):
     other = Node('base_driver', context=harness.context)
     harness.simulator(**ROBOT)
     harness.make(WatchdogNode, base='differential', timeout=0.1)
@@ -471,6 +471,8 @@ def test_watchdog_and_simulator_follow_a_change_of_the_type(harness):
         for node in harness.nodes_of(SimulatorNode, WatchdogNode):
             patch.setattr(node, 'get_publishers_info_by_topic', lambda topic: published)
         harness.spin_until(lambda: types() == {'Twist'})
+    # The middleware complains about a second type.
+    assert 'incompatible type' not in capfd.readouterr().err
     drive, commands = other.create_publisher(Twist, '/cmd_vel', 10), harness.record(
         Twist, '/cmd_vel')
     # Simulator, watchdog and test.

@@ -54,7 +54,13 @@ class TwistSubscription:
         self._subscription = AdaptiveSubscription(self._node, kind, self._topic,
                                                   self._on_message)
         self._after(kind)
-        self._kind = kind
+        self._kind: type[AnyTwist] | None = kind
+
+    def _close(self) -> None:
+        """Destroy the endpoints."""
+        self._subscription.close()
+        self._before()
+        self._kind = None
 
     def _published(self) -> type[AnyTwist] | None:
         """Return the type that other nodes publish, if any."""
@@ -69,13 +75,16 @@ class TwistSubscription:
         kind = self._published()
         if kind is None or kind is self._kind:
             return
-        self._subscription.close()
-        self._before()
+        if self._kind is not None:
+            # Endpoints are destroyed once no thread waits for them any more: by the next look.
+            self._close()
+            return
         try:
             self._subscribe(kind)
         except RCLError:
             # The middleware refuses a second type of a topic within one process: try again once
             # the other nodes of this one have changed, too.
+            self._close()
             return
         self._node.get_logger().info(f'{self._topic} is {kind.__name__}')
 
