@@ -252,10 +252,11 @@ def test_a_robot_is_not_commanded_before_its_first_motion(monkeypatch, output):
     world = World(monkeypatch, ROBOT, '- posture: {type: posture}\n', PANDA_READY, output=output)
     world.loop.hold = 'stopped'
     world.run(0.5)
-    assert world.target is None
+    assert world.target is None and world.loop.commands.stopped == 'no positions'
     world.loop.hold = ''
     world.run(0.5)
     np.testing.assert_allclose(world.target, PANDA_READY, atol=1e-9)
+    assert world.loop.commands.stopped == 'the last positions'
 
 
 @pytest.mark.parametrize('output', HOLDING)

@@ -84,8 +84,6 @@ class VelocityOutput:
     """
 
     topic: ClassVar[str] = 'velocity_controller/commands'
-    # What is commanded while the robot is stopped.
-    stopped: ClassVar[str] = 'zeros'
     # Silence holds the robot.
     holds: ClassVar[bool] = False
 
@@ -100,6 +98,11 @@ class VelocityOutput:
         self.ahead: Array | None = None
         self.largest_lead = np.full(len(names), math.inf)
         self.publisher = self._make_publisher(node, names, topic(self.topic), qos)
+
+    @property
+    def stopped(self) -> str:
+        """Return a description of the commands of a robot that is stopped."""
+        return 'zeros'
 
     @property
     def at_rest(self) -> bool:
@@ -169,7 +172,7 @@ class PositionOutput(VelocityOutput):
     The parameters are those of `VelocityOutput`.
     """
 
-    topic, stopped, holds = 'position_controller/commands', 'the last positions', True
+    topic, holds = 'position_controller/commands', True
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
                  names: Sequence[str], qos: QoSProfile, values: Mapping[str, Any]) -> None:
@@ -181,6 +184,11 @@ class PositionOutput(VelocityOutput):
         self._at, self._interval = -math.inf, 0.0
         # Limits of the present stop; None in motion.
         self._stop: Stop | None = None
+
+    @property
+    def stopped(self) -> str:
+        """Return a description of the commands of a robot that is stopped."""
+        return 'no positions' if self._commanded.positions is None else 'the last positions'
 
     @property
     def at_rest(self) -> bool:
