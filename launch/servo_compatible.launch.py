@@ -92,8 +92,7 @@ def _nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 
 def _translator(context: LaunchContext, namespace: str) -> Node:
     """Return the node that turns the twists of Servo into those of the task."""
-    linear, rotational = (float(LaunchConfiguration(name).perform(context))
-                          for name in ('scale_linear', 'scale_rotational'))
+    linear, rotational = (_number(context, name) for name in ('scale_linear', 'scale_rotational'))
     unitless = LaunchConfiguration('command_in_type').perform(context) == 'unitless'
     return Node(
         package='tp_controller', executable='teleop_node', name=SERVO, namespace=namespace,
@@ -101,3 +100,12 @@ def _translator(context: LaunchContext, namespace: str) -> Node:
             'controller': f'{namespace}/tp_controller', 'unitless': unitless,
             'linear_scale': linear, 'angular_scale': rotational}],
         output='screen')
+
+
+def _number(context: LaunchContext, name: str) -> float:
+    """Return the value of an argument that is a number."""
+    text = LaunchConfiguration(name).perform(context)
+    try:
+        return float(text)
+    except ValueError:
+        raise RuntimeError(f'{name} must be a number, not {text!r}') from None

@@ -335,6 +335,12 @@ def test_a_robot_in_xacro_has_the_arguments(start, listener, tmp_path):
     assert 'commands for turn' in launched.output() and 'joints turn,' in launched.output()
 
 
+def test_a_scale_that_is_no_number_is_named(start, listener):
+    launched = start('servo_compatible.launch.py', 'scale_linear:=fast')
+    listener.wait(lambda: not launched.running(), 'the end')
+    assert "scale_linear must be a number, not 'fast'" in launched.output()
+
+
 def test_the_controller_alone_waits_for_a_robot(start, listener):
     launched = start('controller.launch.py')
     listener.wait(lambda: listener.client.stop_reason() == 'no robot description yet', 'the node',
