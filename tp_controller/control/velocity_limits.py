@@ -71,8 +71,10 @@ class VelocityBounds(Bounds):
     @property
     def settled(self) -> 'VelocityBounds':
         """Return the bounds without transient limits, as reached in time."""
-        return self._with({limit: interval for limit, interval in self._intervals.items()
-                           if not limit.transient}, self.cap)
+        # Without the intervals of the transient limits, as that of the jerk takes longest.
+        given = self._given
+        return self._with({limit: limit.interval(self._motion) if given is None else given[limit]
+                           for limit in self._limits.all if not limit.transient}, self.cap)
 
     @property
     def follow_demand(self) -> bool:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 import robots
 from tp_controller import Controller, Robot, Settings, Stack
+from tp_controller.control.jerk_limit import JerkLimit
 from tp_controller.control.joint_limits import JointMotion
-from tp_controller.control.velocity_limits import VelocityLimits
+from tp_controller.control.velocity_limits import bounded, VelocityLimits
 from tp_controller.model.limits import LIMIT_KEYS
 from tp_controller.solver.compiled import core
 
@@ -180,6 +181,17 @@ def test_a_joint_outside_its_range_returns_within_its_jerk():
         joints.follow(np.clip(2.0, lower, upper), T)
         assert joints.second[0] <= 100.0 * (1.0 + 1e-9) and joints.v[0] >= -0.4 - 1e-9
     assert joints.q[0] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_settled_bounds_take_no_time_for_the_jerk(monkeypatch):
+    limits = limits_of(lower=[-1.0], upper=[1.0], velocity=[2.0], acceleration=[8.0], jerk=[100.0])
+    motion = JointMotion(np.array([0.9]), np.array([0.5]), T, (), T)
+    bounds = limits.at(motion)
+    monkeypatch.setattr(JerkLimit, 'interval', None)
+    lower, upper = bounded({
+        limit: limit.interval(motion) for limit in limits.all if not limit.transient})
+    assert bounds.settled.lower == lower == -2.0
+    assert bounds.settled.upper == upper < 2.0
 
 
 @pytest.mark.skipif(core is None, reason='the package was built without a compiler')
