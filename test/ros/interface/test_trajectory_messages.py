@@ -124,6 +124,7 @@ def test_velocities_are_speeds_only_without_times():
 
 @pytest.mark.parametrize('message, task, told', [
     (path(times=(0.0, 0.0)), 'tool', 'need stamps'),
+    (frames((0.0, 0.0)), 'tool', 'the points need times from the start, or velocities'),
     (MultiDOFJointTrajectory(points=[MultiDOFJointTrajectoryPoint()]), 'tool',
      'point 1 needs one transform'),
     (joints(positions=(1.0, 2.0)), 'posture', 'point 1 has 2 positions for 1 joints'),

@@ -149,6 +149,8 @@ def _timed(message: JointTrajectory | MultiDOFJointTrajectory, values: list[Any]
     """Return values with times from the start; without times, they are a way at a speed."""
     times: Sequence[float] = [seconds(point.time_from_start) for point in message.points]
     untimed = bool(speed) and not any(times)
+    if len(times) > 1 and not any(times) and not speed:
+        raise GoalError('the points need times from the start, or velocities for a way at a speed')
     return Timed(values, seconds(message.header.stamp), None if untimed else list(times),
                  speed if untimed else None, message.header.frame_id if framed else '')
 
