@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tp_controller.control.changes import Changes, NO_TRAJECTORIES
+from tp_controller.control.changes import Changes
 from tp_controller.control.lead import Lead
 from tp_controller.errors import EvaluationError, GoalError, unknown
 from tp_controller.model.state import RobotState
@@ -36,6 +36,8 @@ class ActiveStack:
         Whether all tasks have a goal.
     switches_off : bool
         Whether tasks that fail are switched off; by default they raise.
+    references : dict
+        References that tasks follow, by task.
 
     """
 
@@ -47,7 +49,7 @@ class ActiveStack:
         self.changes = Changes()
         self.started = self.switches_off = False
         self._leads: dict[Task, Lead] = {}
-        self._references: dict[Task, Reference] = {}
+        self.references: dict[Task, Reference] = {}
         # Time of the last cycle that followed them [s].
         self._followed = -math.inf
 
@@ -61,8 +63,8 @@ class ActiveStack:
         before = self.stack.active
         self.end_leads()
         stack.inherit_goals(self.stack)
-        self._references = {
-            stack.tasks[task.name]: reference for task, reference in self._references.items()
+        self.references = {
+            stack.tasks[task.name]: reference for task, reference in self.references.items()
             if _goes_on(task, stack.tasks.get(task.name))}
         self._owner = object()
         self.stack = stack
@@ -103,31 +105,26 @@ class ActiveStack:
 
     # Trajectories
 
-    @property
-    def follows(self) -> bool:
-        """Return whether any task follows a trajectory."""
-        return bool(self._references)
-
     def reference(self, task: Task, now: float) -> Reference | None:
         """Return the reference that a task follows; None if it follows none, or it is over."""
-        found = self._references.get(task)
+        found = self.references.get(task)
         return None if found is None or found.is_over(now) else found
 
     def set_reference(self, task: Task, reference: Reference, now: float) -> None:
         """Let a task follow a reference, which goes on from where it is and moves."""
-        if task not in self._references:
+        if task not in self.references:
             accept(task, task.set_goal, reference.goal(now, 0.0)[0], now)
         if task in self._leads:
             self.changes.announce_goal(task, self.stack.active, now)
             self._end_lead(task)
-        self._references[task] = reference
+        self.references[task] = reference
 
     def follow(self, now: float, period: float) -> None:
         """Set goals and feed-forward velocities of a cycle; `period` is the longest one [s]."""
         # The velocity of a cycle is the mean of those until the next: that in its middle.
         passed, self._followed = now - self._followed, now
         ahead = 0.5 * min(passed, period) if 0.0 < passed < math.inf else 0.0
-        for task, reference in tuple(self._references.items()):
+        for task, reference in tuple(self.references.items()):
             goal, velocity = reference.goal(now, ahead)
             if reference.is_over(now):
                 task.goal = goal
@@ -138,17 +135,16 @@ class ActiveStack:
     def progress(self, now: float) -> Mapping[str, float]:
         """Return {task: share of the time of its trajectory that has passed}."""
         return {task.name: reference.progress(now)
-                for task, reference in self._references.items()} if self._references \
-            else NO_TRAJECTORIES
+                for task, reference in self.references.items()}
 
     def end_references(self) -> None:
         """Let all tasks stay at the present values of their trajectories."""
-        for task in tuple(self._references):
+        for task in tuple(self.references):
             self._end_reference(task)
 
     def _end_reference(self, task: Task) -> None:
         """Let a task stay at the present value of its trajectory."""
-        if self._references.pop(task, None) is not None:
+        if self.references.pop(task, None) is not None:
             task.forget_feed_forward()
 
     # Feed-forward velocities and enabling

@@ -9,7 +9,6 @@ solvers that the core does not support.
 """
 
 from collections.abc import Sequence
-import math
 from typing import Protocol
 
 import numpy as np
@@ -41,7 +40,7 @@ class CompiledCycle(CompiledCauses, Protocol):
         """Set the tasks of each level of a robot; raise ValueError if they do not fit."""
 
     def run(self, memory: bytes, motion: Motion, moved: bool, positions: ArrayLike, now: float,
-            elapsed: float, levels: tuple[Level, ...], velocity: Array) -> bytes | None:
+            elapsed: float | None, levels: tuple[Level, ...], velocity: Array) -> bytes | None:
         """
         Fill in the velocity (n,) of a cycle and return its record; None if `step` is needed.
 
@@ -56,7 +55,7 @@ class CompiledCycle(CompiledCauses, Protocol):
         positions : array_like (n,)
             [rad or m]
         now, elapsed : float
-            See `Problem`; `elapsed` is NaN for the advance of `now` [s].
+            See `Problem` [s].
         levels : tuple of Level
             Levels of the tasks that are None, in order.
         velocity : ndarray (n,)
@@ -77,32 +76,34 @@ class CompiledStep:
     compiled : CompiledCycle
     motion : Motion
         Kinematics, for robots whose configuration is the positions of the driven joints.
+    spare : RobotState
+        Scratch state for reports.
 
     Attributes
     ----------
     layout : Layout
     given : tuple of Task
         Tasks that Python evaluates.
+    watch : Watch
+        Whether `refresh` is due.
 
     """
 
     def __init__(self, options: CycleOptions, active: Groups, compiled: CompiledCycle,
-                 motion: Motion) -> None:
-        self._compiled, self._motion = compiled, motion
-        self._watch = Watch()
-        self.layout = Layout(options, active, (), compiled)
+                 motion: Motion, spare: RobotState) -> None:
+        self._compiled, self._motion, self._n = compiled, motion, options.n
+        self.watch = Watch()
+        self.layout = Layout(options, active, (), compiled, spare)
         self.given: tuple[Task, ...] = ()
         for group in active:
             for task in group:
                 if has_twin(task):
                     # Others may set attributes in every cycle.
-                    task.watch(self._watch)
+                    task.watch(self.watch)
 
     def refresh(self) -> None:
         """Read inputs of tasks that have changed."""
-        if not self._watch.changed:
-            return
-        self._watch.changed, active = False, self.layout.active
+        self.watch.changed, active = False, self.layout.active
         twins = tuple([tuple([task.twin if has_twin(task) else None for task in group])
                        for group in active])
         self._compiled.set_tasks(self._motion, tuple([
@@ -111,34 +112,42 @@ class CompiledStep:
         self.given = tuple([task for group in zip(active, twins)
                             for task, twin in zip(*group) if twin is None])
 
-    def run(self, memory: bytes, state: RobotState | None, q: ArrayLike, now: float,
-            elapsed: float | None, given: Sequence[Evaluation], velocity: Array) -> bytes | None:
+    def run(self, memory: bytes, q: ArrayLike, now: float, elapsed: float | None,
+            state: RobotState | None = None, passive: Array | None = None,
+            given: Sequence[Evaluation] = ()) -> CycleRecord | None:
         """
-        Fill in the velocity (n,) of a cycle and return its record; None if `step` is needed.
+        Return the next cycle; None if `step` is needed.
 
         Parameters
         ----------
         memory : bytes
             Record of the cycle before, or its memory alone.
-        state : RobotState or None
-            State at the configuration; None for a robot whose configuration is its positions.
         q : array_like (nq,)
             Configuration [rad or m].
         now, elapsed
             See `Problem`.
+        state : RobotState, optional
+            State at the configuration; not needed if that is the positions of the driven joints.
+        passive : ndarray (p,), optional
+            Positions of the passive joints in that state [rad or m].
         given : sequence of Evaluation
             Evaluations of the tasks in `given`.
-        velocity : ndarray (n,)
-            Filled in [rad/s or m/s].
 
         """
-        motion = self._motion if state is None else state.motion
-        if motion is None:
+        velocity = np.empty(self._n)
+        if state is None:
+            numbers = self._compiled.run(memory, self._motion, False, q, now, elapsed, (),
+                                         velocity)
+            configuration = None
+        elif state.motion is None:
             return None
-        return self._compiled.run(
-            memory, motion, state is not None, q if state is None else state.positions, now,
-            math.nan if elapsed is None else elapsed,
-            tuple([each.level for each in given]) if given else (), velocity)
+        else:
+            numbers = self._compiled.run(
+                memory, state.motion, True, state.positions, now, elapsed,
+                tuple([each.level for each in given]), velocity)
+            configuration = state.q, passive
+        return None if numbers is None else CycleRecord(self.layout, numbers, memory, velocity,
+                                                        given, configuration)
 
 
 def has_twin(task: Task) -> bool:
@@ -146,7 +155,8 @@ def has_twin(task: Task) -> bool:
     return type(task).make_twin is not Task.make_twin and not is_foreign(task)
 
 
-def compiled_step(robot: Robot, options: CycleOptions, active: Groups) -> CompiledStep | None:
+def compiled_step(robot: Robot, options: CycleOptions, active: Groups, spare: RobotState
+                  ) -> CompiledStep | None:
     """Return the cycles of a stack in the core; None if it does not support robot or solver."""
     solver, motion = options.solver, robot.kinematics.motion()
     if core is None or motion is None or not isinstance(solver, PrioritySolver) \
@@ -156,7 +166,7 @@ def compiled_step(robot: Robot, options: CycleOptions, active: Groups) -> Compil
                                         options.period, options.delay)
     if not robot.kinematics.base.moves:
         motion.move(robot.neutral(), robot.kinematics.offset, None)
-    return CompiledStep(options, active, compiled, motion)
+    return CompiledStep(options, active, compiled, motion, spare)
 
 
 class CoreCycles:
@@ -175,7 +185,8 @@ class CoreCycles:
         self._robot, self._states = robot, states
         self._moving_base = robot.kinematics.base.moves
         self._step: CompiledStep | None = None
-        self._made_for: tuple[CycleOptions, Groups] | None = None
+        self._options: CycleOptions | None = None
+        self._active: Groups | None = None
 
     def solve(self, options: CycleOptions, tasks: ActiveStack, last: SolvedCycle | Commanded,
               q: ArrayLike, now: float, passive: ArrayLike | None, elapsed: float | None
@@ -200,38 +211,28 @@ class CoreCycles:
             See `Controller.update`.
 
         """
-        step = self._step_of(options, tasks.stack.active)
-        memory = None if step is None else self._memory_of(last, step.layout)
-        if step is None or memory is None:
+        active = tasks.stack.active
+        if options is not self._options or active is not self._active:
+            self._options, self._active = options, active
+            self._step = compiled_step(self._robot, options, active, self._states.spare)
+        step, states = self._step, self._states
+        if step is None:
             return None
-        states, state, place = self._states, None, None
-        given: list[Evaluation] = []
+        if step.watch.changed:
+            step.refresh()
+        memory = last.numbers if type(last) is CycleRecord and last.layout is step.layout \
+            else self._memory_of(last, step.layout)
+        if memory is None:
+            return None
         if step.given or self._moving_base or passive is not None or states.passive is not None:
             state = states.update(q, passive, last.velocity)
-            place = state.q
-            evaluated = tasks.evaluate_some(step.given, state, now)
-            if evaluated is None:
-                return None
-            given = evaluated
-        velocity = np.empty(options.n)
-        numbers = step.run(memory, state, q, now, elapsed, given, velocity)
-        if numbers is None:
-            return None
-        found = CycleRecord(step.layout, numbers, memory, velocity, given,
-                            (place, states.passive, now, states.spare))
-        if state is None:
-            states.pass_by(found, last.velocity)
+            given = tasks.evaluate_some(step.given, state, now)
+            return None if given is None else step.run(memory, q, now, elapsed, state,
+                                                       states.passive, given)
+        found = step.run(memory, q, now, elapsed)
+        if found is not None:
+            states.pending = found
         return found
-
-    def _step_of(self, options: CycleOptions, active: Groups) -> CompiledStep | None:
-        """Return the compiled step of a stack, with the present inputs of its tasks."""
-        wanted = self._made_for
-        if wanted is None or wanted[0] is not options or wanted[1] is not active:
-            self._made_for = options, active
-            self._step = compiled_step(self._robot, options, active)
-        if self._step is not None:
-            self._step.refresh()
-        return self._step
 
     @staticmethod
     def _memory_of(last: SolvedCycle | Commanded, layout: Layout) -> bytes | None:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tp_controller.control.changes import NO_TRAJECTORIES
 from tp_controller.control.compiled_step import CoreCycles
 from tp_controller.control.cycle_options import CycleOptions, setting_faults, SolverFactory
-from tp_controller.control.cycle_time import check_time
+from tp_controller.control.cycle_time import check_time, check_times
 from tp_controller.control.error_minimum import Place
 from tp_controller.control.gains import gain_remark
 from tp_controller.control.joint_inputs import JointInputs
@@ -251,20 +252,25 @@ class Controller(JointInputs):
             The stack has no finite solution.
 
         """
-        now = check_time(now, 'now', TimeError)
-        if elapsed is not None:
-            elapsed = check_time(elapsed, 'elapsed', TimeError)
-        self._follow(now)
-        tasks, solved = self._tasks, None
-        last = self._changes.continued(self._last, tasks.stack.active)
+        now, elapsed = check_times(now, elapsed)
+        tasks, changes, solved = self._tasks, self._changes, None
+        self._runs = True
+        if tasks.references:
+            tasks.follow(now, self._settings.period)
+        last = self._last if changes.shared is None \
+            else changes.continued(self._last, tasks.stack.active)
         if last is not None:
             if not tasks.started:
                 tasks.start(self._states.update(q, passive, self.velocity))
             solved = self._core.solve(self._options, tasks, last, q, now, passive, elapsed)
         self._last = found = solved or self._step(q, now, passive, elapsed)
-        self._changes.clear()
-        return Command(found.velocity, Report(self.robot, tasks.stack.inactive,
-                                              tasks.stack.faults, found, tasks.progress(now)))
+        if changes.shared is not None:
+            changes.clear()
+        stack = tasks.stack
+        progress = tasks.progress(now) if tasks.references else NO_TRAJECTORIES
+        # Without the function that `Command(…)` calls.
+        return tuple.__new__(Command, (found.velocity, Report(
+            self.robot, stack.inactive, stack.faults, found, progress)))
 
     def _step(self, q: ArrayLike, now: float, passive: ArrayLike | None,
               elapsed: float | None) -> Solved:

@@ -75,6 +75,8 @@ class Layout(NamedTuple):
     twins : tuple of tuple of Twin or None
         Their twins.
     search : CompiledCauses
+    spare : RobotState
+        Scratch state for reports.
 
     """
 
@@ -82,6 +84,7 @@ class Layout(NamedTuple):
     active: Groups
     twins: Twins
     search: CompiledCauses
+    spare: RobotState
 
     def memory(self, record: bytes) -> CycleMemory:
         """Return the memory after a cycle."""
@@ -128,16 +131,17 @@ class CycleRecord:
         Command [rad/s or m/s].
     given : sequence of Evaluation
         Evaluations of the tasks without a twin, in order.
-    place : tuple
-        See `Place`; the configuration is None where it equals the positions.
+    configuration : tuple, optional
+        q (nq,) and the positions of the passive joints (p,) or None [rad or m]; by default the
+        positions of the record.
 
     """
 
     def __init__(self, layout: Layout, numbers: bytes, before: bytes, velocity: Array,
-                 given: Sequence[Evaluation], place: tuple[Array | None, Array | None, float,
-                                                           RobotState]) -> None:
+                 given: Sequence[Evaluation],
+                 configuration: tuple[Array, Array | None] | None) -> None:
         self.layout, self.numbers, self.velocity = layout, numbers, velocity
-        self._before, self._given, self._place = before, given, place
+        self._before, self._given, self._configuration = before, given, configuration
 
     @cached_property
     def memory(self) -> CycleMemory:
@@ -147,8 +151,13 @@ class CycleRecord:
     @property
     def place(self) -> Place:
         """Return the configuration of the robot."""
-        q, passive, now, spare = self._place
-        return Place(self._positions if q is None else q, passive, now, spare)
+        q, passive = self._configuration or (self._positions, None)
+        return Place(q, passive, float(self._numbers[0]), self.layout.spare)
+
+    @property
+    def velocity_before(self) -> Array:
+        """Return the command before this one (n,) [rad/s or m/s]."""
+        return self.layout.memory(self._before).velocity
 
     @property
     def options(self) -> CycleOptions:

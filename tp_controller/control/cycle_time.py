@@ -6,7 +6,7 @@
 import math
 from typing import NamedTuple
 
-from tp_controller.errors import TpControllerError
+from tp_controller.errors import TimeError, TpControllerError
 
 # Share of each new measurement in the mean time between commands.
 SMOOTHING = 0.05
@@ -73,6 +73,16 @@ class CycleTime(NamedTuple):
             commands += 1
         return elapsed, CycleTime(now + elapsed, mean + SMOOTHING * (usual - mean), usual,
                                   commands)
+
+
+def check_times(now: float | None, elapsed: float | None) -> tuple[float, float | None]:
+    """Return the times of a cycle as floats [s]; raise `TimeError` unless they are finite."""
+    # The sum of two floats is finite only if both are.
+    if type(now) is float and (elapsed is None or type(elapsed) is float) \
+            and math.isfinite(now + (elapsed or 0.0)):
+        return now, elapsed
+    return check_time(now, 'now', TimeError), \
+        None if elapsed is None else check_time(elapsed, 'elapsed', TimeError)
 
 
 def check_time(value: float | None, name: str, refusal: type[TpControllerError]) -> float:

@@ -15,7 +15,6 @@ from itertools import pairwise
 import math
 from typing import NamedTuple
 
-import numpy as np
 from scipy.linalg.blas import dnrm2
 from tp_controller.control.compiled_step import compiled_step
 from tp_controller.control.cycle_options import CycleOptions
@@ -228,7 +227,7 @@ class _Run:
         self.options = CycleOptions(setup.robot, settings, setup.velocity,
                                     solved.options.make_solver)
         self.groups = tuple([tuple([_copy(task) for task in group]) for group in setup.groups])
-        self._core = compiled_step(setup.robot, self.options, self.groups)
+        self._core = compiled_step(setup.robot, self.options, self.groups, self._place.spare)
         if self._core is not None:
             self._core.refresh()
 
@@ -247,11 +246,7 @@ class _Run:
         needed = core.given or self._robot.moves or passive is not None
         state = self._state(q, last.velocity) if needed else None
         given = [task.evaluate(state, now) for task in core.given] if state else []
-        velocity = np.empty(self.options.n)
-        numbers = core.run(memory, state, q, now, self.period, given, velocity)
-        return None if numbers is None else CycleRecord(
-            core.layout, numbers, memory, velocity, given,
-            (q, passive, now, self._place.spare))
+        return core.run(memory, q, now, self.period, state, passive, given)
 
     def _reference(self, last: SolvedCycle | Commanded, q: Array, now: float) -> Solved:
         """Return the next cycle, by `step`."""

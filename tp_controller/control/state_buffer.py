@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tp_controller.control.solved_cycle import SolvedCycle
+from tp_controller.control.cycle_record import CycleRecord
 from tp_controller.errors import GoalError, unknown
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose
@@ -32,18 +32,19 @@ class StateBuffer:
         Scratch state for reports.
     passive : ndarray (p,) or None
         Positions of the passive joints [rad or m]; None if not given.
+    pending : CycleRecord or None
+        Last cycle, if it needed no state.
 
     """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._present: RobotState | None = None
-        # A cycle that needed no state, and the velocity before it.
-        self._pending: tuple[SolvedCycle, Array] | None = None
         self._next, self._other, self.spare = [robot.state(robot.neutral()) for _ in range(3)]
         for state in (self._next, self._other, self.spare):
             state.prepare()
         self.passive: Array | None = None
+        self.pending: CycleRecord | None = None
 
     def set_still(self, joints: Sequence[int]) -> None:
         """Set the velocities that the robot does not have; see `RobotState.still`."""
@@ -64,29 +65,24 @@ class StateBuffer:
             # Copy: the caller may modify the array.
             self.passive = np.array(passive)
         self._next, self._other = self._other, state
-        self._present, self._pending = state, None
+        self._present, self.pending = state, None
         state.velocity = velocity
         return state
 
     @property
     def present(self) -> RobotState | None:
         """Return the state of the last cycle; None before the first one."""
-        if self._pending is not None:
-            cycle, velocity = self._pending
-            self.update(cycle.place.q, None, velocity)
+        if self.pending is not None:
+            self.update(self.pending.place.q, None, self.pending.velocity_before)
         return self._present
 
     @property
     def configuration(self) -> tuple[Array, Array | None] | None:
         """Return the configuration of the last cycle; see `Controller.configuration`."""
-        pending, present = self._pending, self._present
+        pending, present = self.pending, self._present
         if pending is not None:
-            return pending[0].place.q, self.passive
+            return pending.place.q, self.passive
         return None if present is None else (present.q, self.passive)
-
-    def pass_by(self, cycle: SolvedCycle, velocity: Array) -> None:
-        """Note a cycle, after a velocity (n,), that needed no state."""
-        self._pending = cycle, velocity
 
     def pose_in_reference(self, task: Task, frame: str | Array) -> Array:
         """

@@ -230,12 +230,6 @@ class TrajectoryInputs(TaskInputs):
                             'first')
         super().set_feed_forward(name, velocity, now, frame)
 
-    def _follow(self, now: float) -> None:
-        """Set the goals of a cycle to those of the trajectories."""
-        self._runs = True
-        if self._tasks.follows:
-            self._tasks.follow(now, self._settings.period)
-
     def _end_motion(self) -> None:
         """End all trajectories: a command without tasks takes the place of a cycle."""
         self._runs = False

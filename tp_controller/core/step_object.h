@@ -202,7 +202,7 @@ PyObject *write_cycle(ControlCycle &cycle, const double *positions) {
 
 // run(memory, motion, moved, positions, now, elapsed, levels, velocity): fill in the velocity (n,)
 // and return the record of the cycle; None where the reference is needed. `moved`: the motion is at
-// these positions; `elapsed`: not a number for the time since the last command; `levels`: those of
+// these positions; `elapsed`: None for the time since the last command; `levels`: those of
 // the tasks that are None, in order.
 PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
   if (count != 8)
@@ -218,7 +218,8 @@ PyObject *step_run(PyObject *self, PyObject *const *given, Py_ssize_t count) {
     const bool moved = is_true(given[2]);
     double *positions = solver.arena.take(size_t(solver.n()));
     need(read(given[3], solver.n(), LARGEST, positions));
-    const double now = number(given[4]), elapsed = PyFloat_AsDouble(given[5]);
+    const double now = number(given[4]);
+    const double elapsed = given[5] == Py_None ? NAN : PyFloat_AsDouble(given[5]);
     const Buffer velocity(given[7], PyBUF_STRIDES | PyBUF_FORMAT | PyBUF_WRITABLE);
     need(velocity.is(solver.n()) && !PyErr_Occurred()
          && (moved || (motion->base.empty() && motion->columns() == solver.n())));
