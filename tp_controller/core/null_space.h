@@ -39,32 +39,39 @@ struct Directions {
   }
 };
 
-// Turn columns a and b until their first m numbers are orthogonal; say whether they were not.
-inline bool turn(double *a, double *b, int m, int stride, double &aa, double &bb, double noise) {
-  const double ab = dot(a, b, m);
-  if (!(ab * ab > ORTHOGONAL * ORTHOGONAL * aa * bb) || !(std::min(aa, bb) > noise)) return false;
+// Turn columns a and b, of squared lengths aa and bb, until their first m numbers are orthogonal; say
+// whether the square of their cosine, or of the tangent of twice the angle, was above `near`.
+inline bool turn(double *a, double *b, int m, int stride, double &aa, double &bb, double noise,
+                 double near) {
+  const double ab = dot(a, b, m), square = ab * ab, product = aa * bb;
+  if (!(square > ORTHOGONAL * ORTHOGONAL * product) || !(std::min(aa, bb) > noise)) return false;
   const double half = 0.5 * (bb - aa);
-  const double t = ab / (half + std::copysign(std::sqrt(half * half + ab * ab), half));
+  const double t = ab / (half + std::copysign(std::sqrt(half * half + square), half));
   const double c = 1.0 / std::sqrt(1.0 + t * t);
   rotate(c, c * t, a, b, stride);
   aa -= t * ab;
   bb += t * ab;
-  return true;
+  return square > near * std::min(product, half * half);
 }
 
 // One-sided Jacobi for k columns, which lie `stride` apart. Pairs with the same sum, modulo k,
 // have no column in common: a processor turns several at once.
+//
+// The last sweep is the one in which all cosines and angles are at most L, up to rounding: until its
+// end, 2 (k − 2) more turns change the cosine of a pair by up to 2 L² each, together less than
+// ORTHOGONAL.
 void orthogonalise(double *B, int m, int stride, int k, double noise, double *square) {
-  for (int sweep = 0; sweep < SWEEPS; ++sweep) {
-    bool turned = false;
+  const double near = ORTHOGONAL / (4.0 * k);
+  bool again = true;
+  for (int sweep = 0; again && sweep < SWEEPS; ++sweep) {
+    again = false;
     for (int j = 0; j < k; ++j) square[j] = dot(B + j * stride, B + j * stride, m);
     for (int sum = 0; sum < k; ++sum)
       for (int p = 0; p < k; ++p) {
         const int q = sum >= p ? sum - p : sum - p + k;
         if (p < q)
-          turned |= turn(B + p * stride, B + q * stride, m, stride, square[p], square[q], noise);
+          again |= turn(B + p * stride, B + q * stride, m, stride, square[p], square[q], noise, near);
       }
-    if (!turned) return;
   }
 }
 
