@@ -83,7 +83,8 @@ class ActiveSet {
   double *z;
 
  private:
-  // Make a row as long as 1; what is next to nothing cannot help, and is met or not.
+  // Make a row as long as 1; what is next to nothing cannot help, and is met or not. A single number
+  // is exactly as long: where z is at several bounds, the first of them acts, whatever the rounding.
   void set_row(int i, const Program &program, const double *scale) {
     double *row = A_ + size_t(i) * k_;
     const double *given = program.A + size_t(i) * k_;
@@ -103,6 +104,7 @@ class ActiveSet {
     }
     const double f = 1.0 / length;
     for (int j = 0; j < k_; ++j) row[j] *= f;
+    if (k_ == 1) row[0] = std::copysign(1.0, row[0]);
     lower_[i] = f * program.lower[i];
     upper_[i] = f * program.upper[i];
     length_[i] = length;

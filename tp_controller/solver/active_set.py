@@ -48,6 +48,9 @@ class ActiveSet:
         # Normalise the rows to length 1.
         self._scale = 1.0 / np.sqrt(square)
         self._rows = A * np.where(negligible, 0.0, self._scale)[:, np.newaxis]
+        if A.shape[1] == 1:
+            # Exactly: where z is at several bounds, the first of them acts, whatever the rounding.
+            self._rows = np.sign(self._rows)
         self._lower, self._upper = self._scale * lower, self._scale * upper
         # Tolerances refer to the rows as given, reduced in proportion if both bounds are below 1.
         reach = np.maximum(np.abs(lower), np.abs(upper))

@@ -72,6 +72,17 @@ def test_joints_that_can_only_move_together_do_not_leave_their_limits(signs, pus
     assert (A @ solution.velocity >= lower - 16.0 * tolerance).all()
 
 
+@pytest.mark.parametrize('seed', range(20))
+def test_first_of_the_joints_that_stop_a_motion_together_is_the_one_that_counts(seed):
+    motion = np.random.default_rng(seed).uniform(0.1, 1.0, 6)
+    still = np.linalg.svd(motion[np.newaxis])[2][1:]
+    # Rounding alone would choose another one for some of these motions.
+    solution = redistribute([(still, np.zeros(5)), (motion[np.newaxis], np.ones(1))],
+                            -np.ones(6), np.zeros(6))
+    multipliers = solution.levels[1].multipliers
+    assert multipliers[0] > 0.0 and not multipliers[1:].any()
+
+
 @pytest.mark.solvers('python')
 def test_polytope_that_is_hardly_more_than_a_point_is_left_by_no_more_than_the_tolerance():
     # Out of a closed loop: an arm at rest with joints at their limits.
