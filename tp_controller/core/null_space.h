@@ -45,9 +45,10 @@ inline bool turn(double *a, double *b, int m, int stride, double &aa, double &bb
                  double near) {
   const double ab = dot(a, b, m), square = ab * ab, product = aa * bb;
   if (!(square > ORTHOGONAL * ORTHOGONAL * product) || !(std::min(aa, bb) > noise)) return false;
-  const double half = 0.5 * (bb - aa);
-  const double t = ab / (half + std::copysign(std::sqrt(half * half + square), half));
-  const double c = 1.0 / std::sqrt(1.0 + t * t);
+  const double half = 0.5 * (bb - aa), root = std::sqrt(half * half + square);
+  const double sum = std::fabs(half) + root;
+  // No division or root waits for that of the tangent.
+  const double t = ab / std::copysign(sum, half), c = std::sqrt(sum / (root + root));
   rotate(c, c * t, a, b, stride);
   aa -= t * ab;
   bb += t * ab;
