@@ -34,14 +34,14 @@ struct JointLimits {
     position.period = acceleration.period = jerk.period = period;
     position.gain = gain;
     position.velocity = velocity.values;
-    const bool fit = read_limit(limits, "lower", true, size(), position.lower)
-        && read_limit(limits, "upper", true, size(), position.upper)
-        && read_limit(limits, "acceleration", false, size(), acceleration.values)
-        && read_limit(limits, "jerk", false, size(), jerk.values);
+    if (!read_limit(limits, "lower", true, size(), position.lower)
+        || !read_limit(limits, "upper", true, size(), position.upper)
+        || !read_limit(limits, "acceleration", false, size(), acceleration.values)
+        || !read_limit(limits, "jerk", false, size(), jerk.values)) return false;
     position.acceleration = acceleration.values;
     jerk.position = position;
     response = jerk.response();
-    return fit;
+    return true;
   }
 
   bool follow_demand() const { return jerk.in_force(); }
