@@ -3,17 +3,15 @@
 
 """Goal messages made from their fields."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from operator import attrgetter
 from typing import Any
 
 from geometry_msgs.msg import (
-    Point,
     PointStamped,
     PoseStamped,
-    Quaternion,
     QuaternionStamped,
     TwistStamped,
-    Vector3,
     Vector3Stamped,
 )
 from sensor_msgs.msg import JointState
@@ -22,14 +20,14 @@ from tp_controller.ros import Message
 
 # Parts of a goal, by the names that `FIELDS` lists.
 Fields = Mapping[str, Any]
-# Parts of a goal that each message can carry, and must.
-FIELDS: dict[type, tuple[str, ...]] = {
-    PointStamped: ('xyz',),
-    Vector3Stamped: ('xyz',),
-    QuaternionStamped: ('quat_xyzw',),
-    PoseStamped: ('xyz', 'quat_xyzw'),
-    JointState: ('joints', 'velocities'),
-    TwistStamped: ('linear', 'angular'),
+# Parts of a goal that each message can carry, and must, with their fields in the message.
+FIELDS: dict[type, dict[str, str]] = {
+    PointStamped: {'xyz': 'point'},
+    Vector3Stamped: {'xyz': 'vector'},
+    QuaternionStamped: {'quat_xyzw': 'quaternion'},
+    PoseStamped: {'xyz': 'pose.position', 'quat_xyzw': 'pose.orientation'},
+    JointState: {'joints': 'position', 'velocities': 'velocity'},
+    TwistStamped: {'linear': 'twist.linear', 'angular': 'twist.angular'},
 }
 
 
@@ -73,7 +71,12 @@ def make_message(task: str, kind: type, fields: Fields,
         needed = listed(allowed, names, ' or ' if one_is_enough else ' and ')
         raise GoalError(f'task {task!r} needs {needed} ({kind.__name__}), '
                         f'got {listed(fields, names) or "nothing"}')
-    return _FILL[kind](fields)
+    if kind is JointState:
+        return _joints(fields)
+    message = kind()
+    for name, values in fields.items():
+        fill(attrgetter(allowed[name])(message), values)
+    return message
 
 
 def listed(fields: Iterable[str], names: Mapping[str, str] | None, word: str = ' and ') -> str:
@@ -81,43 +84,10 @@ def listed(fields: Iterable[str], names: Mapping[str, str] | None, word: str = '
     return word.join((names or {}).get(field, field) for field in fields)
 
 
-def _vector(target: Point | Vector3, values: Iterable[float]) -> None:
-    """Set x, y, z of a message."""
-    target.x, target.y, target.z = map(float, values)
-
-
-def _quaternion(target: Quaternion, values: Iterable[float]) -> None:
-    """Set x, y, z, w of a message."""
-    target.x, target.y, target.z, target.w = map(float, values)
-
-
-def _point(fields: Fields) -> PointStamped:
-    """Return a PointStamped."""
-    message = PointStamped()
-    _vector(message.point, fields['xyz'])
-    return message
-
-
-def _direction(fields: Fields) -> Vector3Stamped:
-    """Return a Vector3Stamped."""
-    message = Vector3Stamped()
-    _vector(message.vector, fields['xyz'])
-    return message
-
-
-def _orientation(fields: Fields) -> QuaternionStamped:
-    """Return a QuaternionStamped."""
-    message = QuaternionStamped()
-    _quaternion(message.quaternion, fields['quat_xyzw'])
-    return message
-
-
-def _pose(fields: Fields) -> PoseStamped:
-    """Return a PoseStamped."""
-    message = PoseStamped()
-    _vector(message.pose.position, fields['xyz'])
-    _quaternion(message.pose.orientation, fields['quat_xyzw'])
-    return message
+def fill(part: Message, values: Iterable[float]) -> None:
+    """Set the numbers of a point, vector or quaternion in their order."""
+    for name, value in zip(part.get_fields_and_field_types(), values, strict=True):
+        setattr(part, name, float(value))
 
 
 def _joints(fields: Fields) -> JointState:
@@ -128,16 +98,3 @@ def _joints(fields: Fields) -> JointState:
     return JointState(name=list(positions or velocities),
                       position=[float(value) for value in positions.values()],
                       velocity=[float(value) for value in velocities.values()])
-
-
-def _twist(fields: Fields) -> TwistStamped:
-    """Return a TwistStamped."""
-    message = TwistStamped()
-    _vector(message.twist.linear, fields.get('linear', (0.0, 0.0, 0.0)))
-    _vector(message.twist.angular, fields.get('angular', (0.0, 0.0, 0.0)))
-    return message
-
-
-_FILL: dict[type, Callable[[Fields], Message]] = {
-    PointStamped: _point, Vector3Stamped: _direction, QuaternionStamped: _orientation,
-    PoseStamped: _pose, JointState: _joints, TwistStamped: _twist}

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Transform, Twist
 from tp_controller.errors import GoalError
 from tp_controller.ros import Message
-from tp_controller.ros.client.goal_fields import Fields, make_message, type_name
+from tp_controller.ros.client.goal_fields import Fields, fill, make_message, type_name
 from trajectory_msgs.msg import (
     JointTrajectory,
     JointTrajectoryPoint,
@@ -78,10 +78,9 @@ def _joints(value: Fields) -> JointTrajectoryPoint:
 def _frame(value: Fields) -> MultiDOFJointTrajectoryPoint:
     """Return a point with one transform."""
     transform = Transform()
-    for target, letters, field in ((transform.translation, 'xyz', 'xyz'),
-                                   (transform.rotation, 'xyzw', 'quat_xyzw')):
-        for letter, number in zip(letters, value.get(field, ())):
-            setattr(target, letter, float(number))
+    for part, field in ((transform.translation, 'xyz'), (transform.rotation, 'quat_xyzw')):
+        if field in value:
+            fill(part, value[field])
     return MultiDOFJointTrajectoryPoint(transforms=[transform])
 
 
