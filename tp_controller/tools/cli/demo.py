@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from tp_controller.ros.middleware import set_up_fast_dds
 from tp_controller.tools.cli.command import Command
+from tp_controller.tools.cli.values import whole_number
 from tp_controller.tools.demos.startup import report_if_slow
 
 if TYPE_CHECKING:  # Imported when a demo runs: the figures take a second.
@@ -60,7 +61,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--output', type=Path, default=Path('tp_demo'), metavar='FOLDER',
                         help='where the folder with the figures goes, which has the name '
                         'of the demo (default: ./tp_demo)')
-    parser.add_argument('--seed', type=_seed, default=1,
+    parser.add_argument('--seed', type=whole_number, default=1,
                         help='seed of the random goals of lab2 (default: 1)')
     parser.add_argument('--commands', default='velocity', choices=OUTPUTS,
                         help='what the controller commands in demos over ROS 2: joint velocities, '
@@ -118,13 +119,6 @@ def _demo(text: str) -> str:
         raise argparse.ArgumentTypeError(f'{text} is interactive: tp_controller view --demo '
                                          f'{text}')
     return text
-
-
-def _seed(text: str) -> int:
-    """Parse a seed."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
-    return int(text)
 
 
 COMMAND = Command(
