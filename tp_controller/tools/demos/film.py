@@ -5,8 +5,7 @@
 """Films of a moving robot: animated WebP, rendered by a headless Chromium."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
-import io
+from contextlib import contextmanager
 from pathlib import Path
 from textwrap import wrap
 import time
@@ -187,9 +186,7 @@ def _server() -> Iterator[viser.ViserServer]:
     try:
         yield server
     finally:
-        with redirect_stdout(io.StringIO()):
-            # viser would print a message.
-            server.stop()
+        server.stop()
 
 
 def _client(server: viser.ViserServer, page: HeadlessPage) -> viser.ClientHandle:

@@ -4,13 +4,12 @@
 """Scenarios of the demos over ROS 2: robots, stacks and goals, from files in config/."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from tp_controller.control.settings import Settings
-from tp_controller.errors import RobotError
 from tp_controller.model.robot import Robot
 from tp_controller.model.rpy import quaternion_from_rpy
 from tp_controller.model.shapes import Box, Cylinder
@@ -18,7 +17,7 @@ from tp_controller.model.simulator import initial_positions
 from tp_controller.model.spatial import Array
 from tp_controller.resources import load_yaml, package_share
 from tp_controller.tasks.stack import Stack
-from tp_controller.tools.check.parameter_file import node_parameters
+from tp_controller.tools.check.parameter_file import node_parameters, NodeSetup, read
 from tp_controller.tools.demos.motion import FixedObject, Look
 
 # A goal of a file: task, name, and the fields of its message.
@@ -54,9 +53,14 @@ class Demo:
         return package_share() / 'config' / f'{self.files}{ending}.yaml'
 
     @cached_property
+    def setup(self) -> NodeSetup:
+        """Return robot, stack and settings of the nodes."""
+        return read([self.file('')], '', '', '', None)
+
+    @property
     def robot(self) -> Robot:
         """Return the robot of the nodes, with limits."""
-        return robot_of(self.file(''))
+        return self.setup.robot
 
     @property
     def rate(self) -> float:
@@ -70,19 +74,15 @@ class Demo:
         return initial_positions(
             node_parameters(self.file(''), 'tp_simulator')['initial_positions'], self.robot)
 
-    @cached_property
+    @property
     def settings(self) -> Settings:
-        """Return the settings in the parameters of the controller."""
-        given = node_parameters(self.file(''), 'tp_controller')
-        chosen: dict[str, Any] = {
-            name: tuple(value) if name == 'weights' else value
-            for name, value in given.items() if name in {each.name for each in fields(Settings)}}
-        return Settings(**chosen)
+        """Return the settings of the controller, with the default period."""
+        return replace(self.setup.settings, period=Settings().period)
 
-    @cached_property
+    @property
     def stack(self) -> Stack:
         """Return the stack of tasks."""
-        return Stack.from_yaml(self.file('_stack'), self.robot)
+        return self.setup.stack
 
     @cached_property
     def steps(self) -> list[tuple[Goal, ...]]:
@@ -124,13 +124,3 @@ def goal_fields(goal: Goal) -> dict[str, Any]:
     if 'rpy' in goal:
         fields['quat_xyzw'] = quaternion_from_rpy(*goal['rpy'])
     return fields
-
-
-def robot_of(file: Path) -> Robot:
-    """Return the robot of a parameter file, with the limits of the controller."""
-    simulator = node_parameters(file, 'tp_simulator')
-    if 'robot' not in simulator:
-        raise RobotError(f'{file}: no parameter robot of tp_simulator')
-    return Robot.from_file(simulator['robot'], base=simulator.get('base', 'fixed'),
-                           limits=node_parameters(file, 'tp_controller').get('limits'),
-                           xacro_arguments=simulator.get('xacro_arguments'))
