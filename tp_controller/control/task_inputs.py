@@ -3,8 +3,6 @@
 
 """Inputs of the tasks of a controller between two cycles: goals, gains, tolerances, enabling."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 from tp_controller.control.active_stack import ActiveStack
@@ -128,12 +126,16 @@ class TaskInputs:
         now = check_time(now, 'now', GoalError)
         task, goal = self._tasks.task(name), self.parsed_goal(name, goal, frame)
         accept(task, check_goal, task, goal, self._states.present, self._settings)
-        own = frame is None or (isinstance(frame, str) and frame == task.reference)
-        remarks = accept(task, task.goal_remarks, goal, not own)
+        remarks = accept(task, task.goal_remarks, goal, not self._is_own(task, frame))
         lead = None if posture is None else Lead(
             self._checked_posture(task, posture))
         self._tasks.set_goal(task, goal, now, lead)
         return remarks
+
+    @staticmethod
+    def _is_own(task: Task, frame: str | Array | None) -> bool:
+        """Return whether a frame is the reference of a task."""
+        return frame is None or (isinstance(frame, str) and frame == task.reference)
 
     def parsed_goal(self, name: str, goal: Goal, frame: str | Array | None = None) -> Goal:
         """Return a goal of a task in internal form, in its reference frame; see `set_goal`."""
@@ -156,32 +158,6 @@ class TaskInputs:
             raise GoalError('the posture that leads to a goal is beyond the position limits of '
                             f'{", ".join(bad)}')
         return found
-
-    def set_feed_forward(self, name: str, velocity: Any, now: float | None = None,
-                         frame: str | Array | None = None) -> None:
-        """
-        Set the feed-forward velocity of a task, in force until its timeout.
-
-        Parameters
-        ----------
-        name, now, frame
-            See `set_goal`.
-        velocity : array_like or dict
-            Twist (6,), linear then angular [m/s, rad/s], or joint velocities.
-
-        Raises
-        ------
-        GoalError
-            As `set_goal`.
-
-        """
-        now = check_time(now, 'now', GoalError)
-        task = self._tasks.task(name)
-        velocity = accept(task, task.parse_feed_forward, velocity)
-        if frame is not None:
-            velocity = accept(task, task.feed_forward_in_reference, velocity,
-                              self._states.pose_in_reference(task, frame)[:3, :3])
-        self._tasks.set_feed_forward(task, velocity, now)
 
     def enable(self, name: str, enabled: bool) -> None:
         """

@@ -225,10 +225,15 @@ class TrajectoryInputs(TaskInputs):
 
         """
         now = check_time(now, 'now', GoalError)
-        if self._tasks.reference(self._tasks.task(name), now) is not None:
+        task = self._tasks.task(name)
+        if self._tasks.reference(task, now) is not None:
             raise GoalError(f'task {name!r} follows a trajectory, with its velocity: cancel it '
                             'first')
-        super().set_feed_forward(name, velocity, now, frame)
+        velocity = accept(task, task.parse_feed_forward, velocity)
+        if frame is not None:
+            velocity = accept(task, task.feed_forward_in_reference, velocity,
+                              self._pose_of(task, frame)[:3, :3])
+        self._tasks.set_feed_forward(task, velocity, now)
 
     def _end_motion(self) -> None:
         """End all trajectories: a command without tasks takes the place of a cycle."""
@@ -242,11 +247,6 @@ class TrajectoryInputs(TaskInputs):
             return goal if T is None else accept(task, task.goal_in_reference, goal, T)
         except GoalError as error:
             raise GoalError(f'{what}: {error}') from error
-
-    @staticmethod
-    def _is_own(task: Task, frame: str | Array | None) -> bool:
-        """Return whether a frame is the reference of a task."""
-        return frame is None or (isinstance(frame, str) and frame == task.reference)
 
     def _pose_of(self, task: Task, frame: str | Array) -> Array:
         """Return T_reference_frame (4, 4)."""

@@ -3,6 +3,7 @@
 
 """End-effector orientation task (lecture 3.3, slip corrected)."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -98,6 +99,25 @@ class TurningTask(Task):
 class TurningFrameTask(TurningTask, FrameTask):
     """Base class of tasks about a frame that control its orientation."""
 
+    @abstractmethod
+    def _turn(self, state: RobotState) -> Array:
+        """Return the rotation vector to the goal (3,) [rad]."""
+
+    def sketch(self, state: RobotState) -> Sequence[Sketch]:
+        """Return the sketch, with an arc for the remaining turn about the selected axes."""
+        drawn = super().sketch(state)
+        if self.goal is None:
+            return drawn
+        return [*drawn, *arc(
+            'turn', state.position(self.frame), AXES_LENGTH * state.rotation(self.frame).T,
+            state.rotation(self.reference).dot(self.counts[3:] * self._turn(state)))]
+
+    def selected_rotation(self, state: RobotState, R: Array) -> Array:
+        """Return R (3, 3); unless all axes are selected, the rotation after a turn about some."""
+        counts = self.counts[3:]
+        return R if counts.all() else rotation_from_vector(
+            counts * self._turn(state)).dot(self.rotation(state))
+
     def _turned(self) -> Array:
         """Return the memory of the rotation error (4,)."""
         return self._rotation_error.memory
@@ -144,45 +164,11 @@ class Orientation(RotationTask, TurningFrameTask):
 
     def goal_pose(self, state: RobotState) -> Array:
         """Return the pose of the frame after the turn about the selected axes (4, 4)."""
-        return pose(selected_rotation(self, state, self.goal, self._turn(state)),
-                    self.position(state))
-
-    def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the sketch, with an arc for the remaining turn."""
-        drawn = super().sketch(state)
-        if self.goal is None:
-            return drawn
-        return [*drawn, *remaining_turn(self, state, self._turn(state))]
+        return pose(self.selected_rotation(state, self.goal), self.position(state))
 
     def _turn(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal (3,) [rad]."""
         return self._rotation_error.error(self.goal, self.rotation(state))
-
-
-def remaining_turn(task: FrameTask, state: RobotState, turn: Array) -> list[Sketch]:
-    """Return an arc for a turn (3,) about the selected axes of the reference frame [rad]."""
-    return arc('turn', state.position(task.frame), AXES_LENGTH * state.rotation(task.frame).T,
-               state.rotation(task.reference).dot(task.counts[3:] * turn))
-
-
-def selected_rotation(task: FrameTask, state: RobotState, R: Array, turn: Array) -> Array:
-    """
-    Return the rotation (3, 3) of a frame after a turn about the selected axes.
-
-    Parameters
-    ----------
-    task : FrameTask
-        Task about the frame.
-    state : RobotState
-        State of the robot.
-    R : ndarray (3, 3)
-        R_reference_frame after the whole turn.
-    turn : ndarray (3,)
-        Whole turn in the reference frame [rad].
-
-    """
-    counts = task.counts[3:]
-    return R if counts.all() else rotation_from_vector(counts * turn).dot(task.rotation(state))
 
 
 def parse_rotation(goal: ArrayLike, what: str) -> Array:

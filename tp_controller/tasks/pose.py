@@ -12,13 +12,7 @@ from tp_controller.model.spatial import are_rotations, Array, pose
 from tp_controller.model.state import RobotState
 from tp_controller.tasks.goal_remarks import masked_place, masked_turn, out_of_reach
 from tp_controller.tasks.keys import finite_vector, has_shape, MAX_NUMBER
-from tp_controller.tasks.orientation import (
-    remaining_turn,
-    selected_rotation,
-    TurningFrameTask,
-    valid_rotation,
-)
-from tp_controller.tasks.sketch import Sketch
+from tp_controller.tasks.orientation import TurningFrameTask, valid_rotation
 from tp_controller.tasks.task import Task
 
 
@@ -88,15 +82,8 @@ class Pose(PoseTask, TurningFrameTask):
 
     def goal_pose(self, state: RobotState) -> Array:
         """Return the goal along selected axes, else the pose of the frame (4, 4)."""
-        return pose(selected_rotation(self, state, self.goal[:3, :3], self._turn(state)),
+        return pose(self.selected_rotation(state, self.goal[:3, :3]),
                     self.goal_place(self.goal, state))
-
-    def sketch(self, state: RobotState) -> Sequence[Sketch]:
-        """Return the sketch, with an arc for the remaining turn."""
-        drawn = super().sketch(state)
-        if self.goal is None:
-            return drawn
-        return [*drawn, *remaining_turn(self, state, self._turn(state))]
 
     def _turn(self, state: RobotState) -> Array:
         """Return the rotation vector to the goal (3,) [rad]."""
