@@ -18,7 +18,7 @@ from tp_controller.tasks.twin import FRAME, make_twin, Twin
 from tp_controller.tasks.yaml_keys import yaml_key
 
 Axes: TypeAlias = str | Sequence[str]
-SomeTask = TypeVar('SomeTask', bound='FrameTask')
+SomeTask = TypeVar('SomeTask', bound='RelativeTask')
 # Ways to a goal.
 STRAIGHT, BY_POSTURE = APPROACHES = 'straight', 'posture'
 TWIST_AXES: tuple[str, ...] = ('x', 'y', 'z', 'rx', 'ry', 'rz')
@@ -124,7 +124,23 @@ class MovingGoalTask(Task):
                                R_reference_frame.dot(velocity[3:])))
 
 
-class FrameTask(MovingGoalTask):
+class RelativeTask(Task):
+    """Mixin of tasks about a frame relative to a reference frame; precedes the base class."""
+
+    frame: str
+    reference: str
+
+    def set_up(self) -> None:
+        """Prepare the motion of the frame relative to the reference."""
+        super().set_up()
+        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
+
+    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
+        """Return whether goals of `other` are valid for this task."""
+        return super().is_compatible(other) and self.frame == other.frame
+
+
+class FrameTask(RelativeTask, MovingGoalTask):
     """
     Base class of tasks about a frame, expressed in a reference frame of the robot.
 
@@ -165,20 +181,11 @@ class FrameTask(MovingGoalTask):
         self._twist_rows = _selection(rows)
         self._mask = _selection([row - self.twist_rows.start for row in rows])
 
-    def set_up(self) -> None:
-        """Prepare the motion of the frame relative to the reference."""
-        super().set_up()
-        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
-
     @classmethod
     def axis_names(cls) -> tuple[str, ...]:
         """Return the names that `axes` may use."""
         names = TWIST_AXES[cls.twist_rows]
         return tuple(name[-1] for name in names) if len(names) == 3 else names
-
-    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Return whether goals of `other` are valid for this task."""
-        return super().is_compatible(other) and self.frame == other.frame
 
     @cached_property
     def _place(self) -> tuple[int, int, bytes]:

@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 import math
-from typing import Any, TypeGuard, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,23 +25,20 @@ from tp_controller.tasks.frame import (
     frame_key,
     parse_axes,
     reference_key,
-    RelativeFrame,
+    RelativeTask,
 )
 from tp_controller.tasks.keys import finite_vector, Keys, positive
 from tp_controller.tasks.orientation import parse_rotation, RotationTask, TurningTask
 from tp_controller.tasks.sketch import arc, AXES_LENGTH, Path, Sketch
-from tp_controller.tasks.task import Task
 from tp_controller.tasks.twin import make_twin, ORIENTATION_RANGE, Twin
 from tp_controller.tasks.yaml_keys import DEFAULT_TIMEOUT, yaml_key
-
-SomeTask = TypeVar('SomeTask', bound='OrientationRange')
 
 AXES = ('x', 'y', 'z')
 # Number of straight segments of the arc of a range.
 RANGE_SEGMENTS = 24
 
 
-class OrientationRange(TurningTask, RotationTask, BoundedTask):
+class OrientationRange(TurningTask, RotationTask, RelativeTask, BoundedTask):
     """
     Keep the turn of a frame from a desired orientation between bounds.
 
@@ -84,11 +81,6 @@ class OrientationRange(TurningTask, RotationTask, BoundedTask):
             self._set_bounds(-most if self.minimum is None else least, most, keys)
         if self.target is not None:
             self.goal = keys.check('target', parse_rotation, self.target, 'the target')
-
-    def set_up(self) -> None:
-        """Prepare the motion of the frame relative to the reference."""
-        super().set_up()
-        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
 
     def start(self, state: RobotState) -> None:
         """Set the orientation of the frame as the default goal."""
@@ -133,10 +125,6 @@ class OrientationRange(TurningTask, RotationTask, BoundedTask):
         turn = self._turn(state)
         back[self._rows] = self._distance_back(turn[self._rows])
         return [*drawn, *arc('turn', p, AXES_LENGTH * state.rotation(self.frame).T, R.dot(back))]
-
-    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Return whether goals of `other` are valid for this task."""
-        return super().is_compatible(other) and self.frame == other.frame
 
     def _set_bounds(self, least: Array, most: Array, keys: Keys) -> None:
         """Set the bounds (m,) [rad], or record their fault."""

@@ -5,7 +5,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, TypeGuard, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,21 +19,18 @@ from tp_controller.tasks.frame import (
     frame_key,
     MovingGoalTask,
     reference_key,
-    RelativeFrame,
+    RelativeTask,
 )
 from tp_controller.tasks.keys import finite_vector, has_shape, Keys, non_negative, positive
 from tp_controller.tasks.pose import parse_pose, PoseTask
 from tp_controller.tasks.sketch import arrow, Body, Sketch
-from tp_controller.tasks.task import Task
 from tp_controller.tasks.twin import make_twin, REGION, Twin
 from tp_controller.tasks.yaml_keys import DEFAULT_TIMEOUT, yaml_key
-
-SomeTask = TypeVar('SomeTask', bound='PlacedTask')
 
 PLACE = 'a place (x, y, z, or x, y, z, qx, qy, qz, qw)'
 
 
-class PlacedTask(MovingGoalTask, BoundedTask):
+class PlacedTask(RelativeTask, MovingGoalTask, BoundedTask):
     """
     Base class of tasks about a frame, and something that has a place in a reference frame.
 
@@ -55,11 +52,6 @@ class PlacedTask(MovingGoalTask, BoundedTask):
         super().check_keys(keys)
         if self.at is not None:
             self.goal = keys.check('at', parse_place, self.at)
-
-    def set_up(self) -> None:
-        """Prepare the motion of the frame relative to the reference."""
-        super().set_up()
-        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
 
     @abstractmethod
     def measure(self, point: Array) -> tuple[Array, Array]:
@@ -105,10 +97,6 @@ class PlacedTask(MovingGoalTask, BoundedTask):
         super().start(state)
         if self.goal is None:
             self.goal = np.eye(4)
-
-    def is_compatible(self: SomeTask, other: Task) -> TypeGuard[SomeTask]:
-        """Return whether goals of `other` are valid for this task."""
-        return super().is_compatible(other) and self.frame == other.frame
 
 
 class RegionTask(PoseTask, PlacedTask):

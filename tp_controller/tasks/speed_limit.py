@@ -12,7 +12,7 @@ from tp_controller.tasks.frame import (
     frame_and_reference,
     frame_key,
     reference_key,
-    RelativeFrame,
+    RelativeTask,
 )
 from tp_controller.tasks.keys import Keys, optional, positive, UnitRows
 from tp_controller.tasks.task import Evaluation
@@ -34,7 +34,7 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1)[:, np.newaxis]
 INSCRIBED_RADIUS = 0.9226
 
 
-class SpeedLimit(BoundedTask):
+class SpeedLimit(RelativeTask, BoundedTask):
     """
     Keep the speed of a frame below a limit, linear, angular or both.
 
@@ -76,11 +76,9 @@ class SpeedLimit(BoundedTask):
         self._along = np.concatenate([np.empty((0, 6)), *(along[unit] for unit in limits)])
 
     def set_up(self) -> None:
-        """Prepare the motion of the frame relative to the reference."""
+        """Set a gain of zero: the bounds are on the speed itself, there is no distance to one."""
         super().set_up()
-        # The bounds are on the speed itself, so there is no distance to a bound.
         self.gain = np.zeros(())
-        self._motion = RelativeFrame(self.robot, self.frame, self.reference)
 
     def observe(self, state: RobotState) -> tuple[Array, Array]:
         """Return zeros (rows,), since there is no value to control, and J (rows, n)."""
