@@ -36,16 +36,16 @@ def robot():
 @pytest.fixture
 def inputs(server, chromium):
     """Return what is in the inputs of a panel with sliders and gains: (text, is it cut off)."""
+    from tp_controller.ros.client.status import TaskStatus
     from tp_controller.tools.view.joint_sliders import JointSliders
     from tp_controller.tools.view.server import address
     from tp_controller.tools.view.stack_panel import StackPanel
-    from tp_controller.tools.view.status import Row
     server.scene.reset()
     server.gui.reset()
     joints, stack = JointSliders(server.gui, None), StackPanel(server.gui, None, None, None)
     joints.build(robot())
     joints.show(robot(), np.array([joint[-1] for joint in JOINTS.values()]), ['posture'])
-    stack.show([Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, 0, '', '')
+    stack.show([TaskStatus(name, 'position', '1', 'moving', {'m': 0.1}, {}, 2.0, 1.0)
                 for name in GAINS], GAINS)
     page = chromium.new_page(viewport={'width': 1280, 'height': 1000})
     page.set_default_timeout(1e3 * SECONDS)

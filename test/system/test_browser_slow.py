@@ -106,8 +106,8 @@ def tab(server, chromium):
 
 def row(name):
     """Return what is shown of a task."""
-    from tp_controller.tools.view.status import Row
-    return Row(name, 'position', '1', 'moving', (('m', 0.1),), 0.5, '', '', 0, 0, '', '')
+    from tp_controller.ros.client.status import TaskStatus
+    return TaskStatus(name, 'position', '1', 'moving', {'m': 0.1}, {}, 2.0, 1.0)
 
 
 def change_robots(gui, heard):

@@ -16,6 +16,10 @@ RUNNING = 'running'
 # Statuses of a task whose goal is reached or whose bounds are satisfied, and while zeros are
 # commanded.
 DONE, STOPPED = ('reached', 'satisfied'), 'stopped'
+# Level of a task outside the stack.
+DISABLED = 'disabled'
+# Desired speed of a task up to which it is at rest, in its own unit.
+REST_SPEED = 1e-6
 # Largest numbers of tasks, of values per entry, and of errors, tolerances and causes per task.
 MOST_RECEIVED_TASKS, MOST_VALUES, MOST_TASK_ERRORS, MOST_TASK_CAUSES = 200, 64, 8, 64
 # Longest name [characters].
@@ -81,6 +85,18 @@ class TaskStatus:
     def way(self) -> str:
         """Return the progress of the trajectory as text; empty without one."""
         return '' if math.isnan(self.progress) else f'{self.progress:.0%} of its trajectory'
+
+    @property
+    def enabled(self) -> bool:
+        """Return whether the task is in the stack."""
+        return self.level != DISABLED
+
+    @property
+    def share(self) -> float:
+        """Return the achieved share of the desired speed; not a number at rest."""
+        if not self.wanted_speed > REST_SPEED:
+            return math.nan
+        return min(max(self.achieved_speed / self.wanted_speed, 0.0), 1.0)
 
     @property
     def done(self) -> bool:

@@ -28,10 +28,9 @@ from tp_controller.ros.bounded_subscription import LARGEST_MESSAGE, subscribe
 from tp_controller.ros.client.client import Client
 from tp_controller.ros.client.configuration import ConfigurationBuffer
 from tp_controller.ros.client.goal_fields import type_name
-from tp_controller.ros.client.status import ControllerStatus, RUNNING
+from tp_controller.ros.client.status import ControllerStatus, RUNNING, TaskStatus
 from tp_controller.ros.parameters import LIMITS, names_in, ROBOT, TASKS
 from tp_controller.tools.view.markers import drawable
-from tp_controller.tools.view.status import Row, rows_of
 from tp_controller.untrusted.texts import plain
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -69,7 +68,7 @@ class Link:
         Robot of the controller; None until its description is known.
     fault : str
         Error in the description of the robot; else empty.
-    rows : list of Row
+    rows : list of TaskStatus
         Tasks by priority in the last status.
     q : ndarray (nq,) or None
         Configuration; None until it is complete.
@@ -87,7 +86,7 @@ class Link:
         self.client, self._clock = client, clock
         self.robot: Robot | None = None
         self.fault = ''
-        self.rows: list[Row] = []
+        self.rows: list[TaskStatus] = []
         self.q: Array | None = None
         self.velocity: Array = np.empty(0)
         self.markers: list[Marker] = []
@@ -138,7 +137,7 @@ class Link:
         now = self._clock()
         if self.client.status is not self._status and self.client.status is not None:
             self._status, self._status_time = self.client.status, now
-            self.rows = rows_of(self._status)
+            self.rows = list(self._status.tasks.values())
         self._take_answers(now)
         if now - self._request_time > PARAMETER_PERIOD and self.present and (
                 self._watched or self.robot is None):

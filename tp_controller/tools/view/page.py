@@ -14,6 +14,7 @@ from traceback import format_exception
 
 import numpy as np
 from tp_controller.errors import in_words, TpControllerError
+from tp_controller.ros.client.status import TaskStatus
 from tp_controller.ros.parameters import TASKS
 from tp_controller.tasks import task_types
 from tp_controller.tools.view.camera import FIELD_OF_VIEW, first_view
@@ -27,7 +28,7 @@ from tp_controller.tools.view.plots import Plots, Sample
 from tp_controller.tools.view.scene import add_ground, add_sky, RobotScene, tip, Trail
 from tp_controller.tools.view.stack_edits import StackChanges
 from tp_controller.tools.view.stack_panel import assign, StackPanel
-from tp_controller.tools.view.status import BAD, Condition, ConditionReader, Row
+from tp_controller.tools.view.status import BAD, Condition, ConditionReader
 from tp_controller.untrusted.texts import plain
 import viser
 from visualization_msgs.msg import Marker
@@ -402,7 +403,7 @@ class Notice:
             f'background:{colours};font-size:0.9em">{escape(text)}</div>')
 
 
-def _joint_tasks(rows: Sequence[Row]) -> list[str]:
+def _joint_tasks(rows: Sequence[TaskStatus]) -> list[str]:
     """Return the tasks with joint positions as goals."""
     kinds = task_types()
     return [row.name for row in rows

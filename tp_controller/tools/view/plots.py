@@ -13,7 +13,7 @@ import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tools.view.status import Row
+from tp_controller.ros.client.status import TaskStatus
 import viser
 
 # Time span of a plot, and sampling period [s].
@@ -140,7 +140,7 @@ class Sample:
 
     Attributes
     ----------
-    rows : list of Row
+    rows : list of TaskStatus
         Tasks.
     robot : Robot
         Robot whose limits and Jacobian are used.
@@ -153,7 +153,7 @@ class Sample:
 
     """
 
-    rows: Sequence[Row]
+    rows: Sequence[TaskStatus]
     robot: Robot
     state: RobotState
     velocity: Array
@@ -217,7 +217,7 @@ def error_curves(sample: Sample) -> dict[str, float]:
     """Return {task and unit: error}, clamped to positive values; not a number if unknown."""
     return {f'{row.name} [{unit}]': error if math.isnan(error)
             else min(max(error, LEAST_ERROR), MOST_ERROR)
-            for row in sample.rows for unit, error in row.errors}
+            for row in sample.rows for unit, error in row.errors.items()}
 
 
 def velocity_shares(sample: Sample) -> dict[str, float]:

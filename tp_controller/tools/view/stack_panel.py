@@ -10,8 +10,8 @@ import time
 from typing import TypeVar
 
 from tp_controller.control.reason_text import causes_in
-from tp_controller.ros.client.status import DONE, STOPPED
-from tp_controller.tools.view.status import FAINT, Row
+from tp_controller.ros.client.status import DONE, STOPPED, TaskStatus
+from tp_controller.tools.view.status import error_text, FAINT
 import viser
 
 # Colour of the dot before the name of a task, by status.
@@ -59,13 +59,14 @@ class StackPanel:
         self.rows: dict[str, TaskRow] = {}
         self._unused: list[TaskRow] = []
 
-    def show(self, rows: Sequence[Row], gains: Mapping[str, Gain], present: bool = True) -> None:
+    def show(self, rows: Sequence[TaskStatus], gains: Mapping[str, Gain],
+             present: bool = True) -> None:
         """
         Show the tasks; while the robot is stopped, show their last state in grey.
 
         Parameters
         ----------
-        rows : list of Row
+        rows : list of TaskStatus
             Rows by priority.
         gains : dict
             {task: gain} of the tasks with a gain.
@@ -105,7 +106,7 @@ class TaskRow:
                  enable: Callable[[str, bool], None], move: Callable[[str, int], None],
                  set_gain: Callable[[str, Gain], None]) -> None:
         self._name, self._set_gain = '', set_gain
-        self._report: Row | None = None
+        self._report: TaskStatus | None = None
         self._chosen = {'enabled': -math.inf, 'gain': -math.inf}
         with parent:
             self.folder = gui.add_folder('')
@@ -131,7 +132,7 @@ class TaskRow:
         """Return the inputs of the gain: one, or one for each row of the task."""
         return self._gain.shown or self._gain_by_row.shown
 
-    def show(self, row: Row, place: int, gain: Gain | None, present: bool = True) -> None:
+    def show(self, row: TaskStatus, place: int, gain: Gain | None, present: bool = True) -> None:
         """Show the state of a task."""
         if row.name != self._name:
             self._name, self._report = row.name, None
@@ -217,13 +218,13 @@ def assign(handle: viser.GuiInputHandle[Value], value: Value) -> None:
     handle.value = value  # type: ignore[misc]
 
 
-def row_html(row: Row, stopped: bool = False) -> str:
+def row_html(row: TaskStatus, stopped: bool = False) -> str:
     """Return the status, error, achieved share and cause of a task as HTML, grey while stopped."""
     colour = STATUS_COLOURS.get(row.status, FAINT)
     before = ' before' if stopped and row.status != STOPPED else ''
     lines = [f'<div style="display:flex;justify-content:space-between">'
              f'<span><span style="color:{colour}">●</span> {escape(row.status)}{before}</span>'
-             f'<b>{escape(row.error_text())}</b></div>']
+             f'<b>{escape(error_text(row))}</b></div>']
     if not math.isnan(row.share) and row.status not in DONE:
         percent = round(100.0 * row.share)
         lines.append(
@@ -233,8 +234,9 @@ def row_html(row: Row, stopped: bool = False) -> str:
             f'</div></div><span style="width:3em;text-align:right">{percent} %</span></div>')
     lines += [f'<div style="color:#5b6470">{escape(text)}</div>'
               for text in (row.way, *causes_in(row.reason), row.hint) if text]
-    if row.warning:
-        lines.append(f'<div style="color:#e08a00">goal: {escape(row.warning)}</div>')
+    if row.warnings:
+        warnings = escape('; '.join(row.warnings))
+        lines.append(f'<div style="color:#e08a00">goal: {warnings}</div>')
     if row.refusal:
         lines.append(f'<div style="color:#c62828">last refusal: {escape(row.refusal)}</div>')
     status, faint = (STOPPED, 'opacity:0.55;filter:grayscale(1);') if stopped else (row.status, '')

@@ -1,24 +1,20 @@
 # Copyright 2026 tp_controller contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Status of a controller as shown on the page: a row for each task, and its condition."""
+"""Status of a controller as shown on the page: errors of a task, and its condition."""
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
 from textwrap import shorten
 import time
 from typing import NamedTuple
 
-from tp_controller.ros.client.status import ControllerStatus, RUNNING, TaskStatus
+from tp_controller.ros.client.status import RUNNING, TaskStatus
 
 # Displayed units, with their conversion factors.
 SHOWN = {'m': ('mm', 1e3), 'rad': ('°', math.degrees(1.0)), 'm/s': ('mm/s', 1e3),
          'rad/s': ('°/s', math.degrees(1.0))}
-# Desired speed of a task up to which it is at rest, in its own unit.
-REST_SPEED = 1e-6
-DISABLED = 'disabled'
 GOOD, BAD, FAINT = '#2e9e5b', '#c62828', '#8a8f98'
 # A shorter stop is shown as a pause, for example when joint states are late [s].
 PAUSE_SECONDS = 1.5
@@ -34,68 +30,9 @@ SLOW = ('this machine is too slow: the controller paused {} times in {:.0f} s, b
         'states or its own cycles were late')
 
 
-@dataclass(frozen=True)
-class Row:
-    """
-    Displayed state of a task.
-
-    Attributes
-    ----------
-    name, kind, level : str
-        Name and type of the task; level ``1``, ``2`` …, or ``disabled``.
-    status : str
-        ``reached``, ``moving``, ``limited`` …
-    errors : tuple of (str, float)
-        Unit and value of each error.
-    share : float
-        Achieved share of the desired speed; not a number at rest.
-    reason, hint : str
-        Cause of a limit, and possible remedy.
-    accepted, refused : int
-        Number of accepted and refused goals.
-    refusal, warning : str
-        Reason of the last refusal, and probable mistake in the last accepted goal.
-    way : str
-        Progress of its trajectory; empty without one.
-
-    """
-
-    name: str
-    kind: str
-    level: str
-    status: str
-    errors: tuple[tuple[str, float], ...]
-    share: float
-    reason: str
-    hint: str
-    accepted: int
-    refused: int
-    refusal: str
-    warning: str
-    way: str = ''
-
-    @property
-    def enabled(self) -> bool:
-        """Return whether the task is in the stack."""
-        return self.level != DISABLED
-
-    def error_text(self) -> str:
-        """Return the errors as text, in suitable units."""
-        return ', '.join(quantity(unit, value) for unit, value in self.errors)
-
-
-def rows_of(status: ControllerStatus) -> list[Row]:
-    """Return a row for each task of a status, in order of priority."""
-    return [_row(task) for task in status.tasks.values()]
-
-
-def _row(task: TaskStatus) -> Row:
-    """Return the row of a task."""
-    wanted = task.wanted_speed
-    share = min(max(task.achieved_speed / wanted, 0.0), 1.0) if wanted > REST_SPEED else math.nan
-    return Row(task.name, task.kind, task.level, task.status, tuple(task.errors.items()), share,
-               task.reason, task.hint, task.accepted, task.refused, task.refusal,
-               '; '.join(task.warnings), task.way)
+def error_text(task: TaskStatus) -> str:
+    """Return the errors of a task as text, in suitable units."""
+    return ', '.join(quantity(unit, value) for unit, value in task.errors.items())
 
 
 def quantity(unit: str, value: float) -> str:

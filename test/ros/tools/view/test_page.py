@@ -38,7 +38,7 @@ from tp_controller.tools.view.markers import MarkerScene
 from tp_controller.tools.view.page import Page, RATE
 from tp_controller.tools.view.server import open_server
 from tp_controller.tools.view.skeleton import JOINT_COLOUR
-from tp_controller.tools.view.status import BAD, GONE
+from tp_controller.tools.view.status import BAD, error_text, GONE
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
@@ -351,8 +351,8 @@ def test_a_short_stop_keeps_the_last_report_in_grey_and_is_no_fault(rig):
     rig.page._texts_due = 0.0
     rig.page.update()
     text = rig.page.stack.rows['tip'].text.content
-    assert rig.link.rows[0].status == 'stopped' and math.isnan(rig.link.rows[0].errors[0][1])
-    assert before[0].error_text() in text and 'opacity' in text
+    assert rig.link.rows[0].status == 'stopped' and math.isnan(rig.link.rows[0].errors['m'])
+    assert error_text(before[0]) in text and 'opacity' in text
     assert 'paused: joint states are late' in rig.page.state_text.content
     assert BAD not in rig.page.state_text.content
     del rig.client.catch_up
