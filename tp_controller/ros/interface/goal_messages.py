@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 from geometry_msgs.msg import (
@@ -23,11 +24,16 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 # A goal for obstacles, by their names, and the frame that it is in.
 Parts = list[tuple[str, dict[str, Any]]]
-Xyz = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-Pose = tuple[float, float, float, float, float, float, float]
-Twist = tuple[float, float, float, float, float, float]
 Named = dict[str, float] | list[float] | None
+
+# Numbers of messages: of points [m], directions, quaternions xyzw, and twists [m/s and rad/s].
+POINT = attrgetter('point.x', 'point.y', 'point.z')
+DIRECTION = attrgetter('vector.x', 'vector.y', 'vector.z')
+QUATERNION = attrgetter('quaternion.x', 'quaternion.y', 'quaternion.z', 'quaternion.w')
+POSE = attrgetter('pose.position.x', 'pose.position.y', 'pose.position.z', 'pose.orientation.x',
+                  'pose.orientation.y', 'pose.orientation.z', 'pose.orientation.w')
+TWIST = attrgetter('twist.linear.x', 'twist.linear.y', 'twist.linear.z', 'twist.angular.x',
+                   'twist.angular.y', 'twist.angular.z')
 
 
 @dataclass(frozen=True)
@@ -62,36 +68,6 @@ class GoalMessage:
 def _nothing(message: Message) -> None:
     """Return None: the message has no such content."""
     return None
-
-
-def _point(message: PointStamped) -> Xyz:
-    """Return x, y, z [m]."""
-    point = message.point
-    return point.x, point.y, point.z
-
-
-def _direction(message: Vector3Stamped) -> Xyz:
-    """Return the x, y, z of a direction."""
-    vector = message.vector
-    return vector.x, vector.y, vector.z
-
-
-def _quaternion(message: QuaternionStamped) -> Quaternion:
-    """Return a quaternion xyzw."""
-    turn = message.quaternion
-    return turn.x, turn.y, turn.z, turn.w
-
-
-def _pose(message: PoseStamped | Marker) -> Pose:
-    """Return x, y, z [m] and a quaternion xyzw."""
-    point, turn = message.pose.position, message.pose.orientation
-    return point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w
-
-
-def _twist(message: TwistStamped) -> Twist:
-    """Return linear [m/s] and angular [rad/s] velocity."""
-    linear, angular = message.twist.linear, message.twist.angular
-    return linear.x, linear.y, linear.z, angular.x, angular.y, angular.z
 
 
 def _named(names: Sequence[str], values: Sequence[float], what: str) -> Named:
@@ -166,23 +142,23 @@ def _obstacle(name: str, marker: Marker) -> dict[str, Any]:
     else:
         raise GoalError(f'obstacle {name}: unknown type {marker.type}; valid: 1 (cube), '
                         '2 (sphere), 3 (cylinder)')
-    obstacle = {'shape': shape, 'at': _pose(marker)}
+    obstacle = {'shape': shape, 'at': POSE(marker)}
     lifetime = marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec
     # Without a lifetime the obstacle exists until it is deleted.
     return {**obstacle, 'lifetime': lifetime} if lifetime else obstacle
 
 
 GOALS = {
-    'point': GoalMessage(PointStamped, 'goal', _point, _nothing, True),
-    'direction': GoalMessage(Vector3Stamped, 'goal', _direction, _nothing, True),
-    'quaternion': GoalMessage(QuaternionStamped, 'goal', _quaternion, _nothing, True),
-    'pose': GoalMessage(PoseStamped, 'goal', _pose, _nothing, True),
+    'point': GoalMessage(PointStamped, 'goal', POINT, _nothing, True),
+    'direction': GoalMessage(Vector3Stamped, 'goal', DIRECTION, _nothing, True),
+    'quaternion': GoalMessage(QuaternionStamped, 'goal', QUATERNION, _nothing, True),
+    'pose': GoalMessage(PoseStamped, 'goal', POSE, _nothing, True),
     'joints': GoalMessage(JointState, 'goal', _joint_positions, _joint_velocities, False),
     'joint_velocities': GoalMessage(JointState, 'goal', _joint_velocities, _nothing, False),
     'obstacles': GoalMessage(MarkerArray, 'obstacles', _nothing, _nothing, True, _obstacles),
 }
 FEED_FORWARD = {
-    'twist': GoalMessage(TwistStamped, 'twist', _nothing, _twist, True),
+    'twist': GoalMessage(TwistStamped, 'twist', _nothing, TWIST, True),
 }
 
 
