@@ -3,13 +3,13 @@
 
 """Keys of a terminal that drive a task, from a parameter file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 import re
 from typing import Any, NamedTuple, TypeAlias
 
 from tp_controller.errors import SettingsError, unknown
 from tp_controller.tools.teleop.declarations import PARAMETERS
-from tp_controller.tools.teleop.mapping import DIRECTIONS
+from tp_controller.tools.teleop.mapping import DIRECTIONS, signed_terms
 
 # {key: (direction, sign)}
 Keys: TypeAlias = Mapping[str, tuple[str, float]]
@@ -85,7 +85,9 @@ def key_map(parameters: Mapping[str, Any]) -> KeyMap:
     keys: dict[str, tuple[str, float]] = {}
     for name in DIRECTIONS if not any(faults) else ():
         try:
-            for key, sign in _terms(values[name]):
+            for sign, found in signed_terms(values[name], TERM,
+                                            'of keys such as key w - key s'):
+                key = found[2]
                 if key in (*keys, FASTER, SLOWER):
                     raise ValueError(f'key {key} has another meaning, too')
                 keys[key] = name, sign
@@ -97,14 +99,3 @@ def key_map(parameters: Mapping[str, Any]) -> KeyMap:
         raise SettingsError(filter(None, faults))
     return KeyMap(keys, float(values['linear_scale']), float(values['angular_scale']),
                   float(values['timeout']), float(values['ramp']), values['frame'])
-
-
-def _terms(text: str) -> Iterator[tuple[str, float]]:
-    """Yield (key, sign) of a sum, or raise `ValueError`."""
-    end = 0
-    while end < len(text.rstrip()):
-        found = TERM.match(text, end)
-        if found is None or (end and not found[1]):
-            raise ValueError(f'{text!r} is not a sum of keys such as key w - key s')
-        yield found[2], -1.0 if found[1] == '-' else 1.0
-        end = found.end()

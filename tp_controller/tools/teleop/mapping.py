@@ -3,7 +3,7 @@
 
 """Mapping of the axes and buttons of a device to a twist."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import re
 from typing import NamedTuple, TypeAlias
@@ -44,15 +44,8 @@ class Source:
     """
 
     def __init__(self, text: str) -> None:
-        self._terms: list[Term] = []
-        end = 0
-        while end < len(text.rstrip()):
-            found = TERM.match(text, end)
-            if found is None or (self._terms and not found[1]):
-                raise ValueError(f'{text!r} is not a sum such as axis 1, -axis 0 or '
-                                 'button 14 - button 13')
-            self._terms.append(Term(-1.0 if found[1] == '-' else 1.0, found[2], int(found[3])))
-            end = found.end()
+        self._terms = [Term(sign, found[2], int(found[3])) for sign, found in signed_terms(
+            text, TERM, 'such as axis 1, -axis 0 or button 14 - button 13')]
 
     def __bool__(self) -> bool:
         """Return whether there is an axis or a button."""
@@ -72,6 +65,18 @@ class Source:
         """Return the name of an axis that the device lacks; empty if there is none."""
         return next((f'axis {term.number}' for term in self._terms
                      if term.kind == 'axis' and term.number >= len(axes)), '')
+
+
+def signed_terms(text: str, term: re.Pattern[str], wanted: str
+                 ) -> Iterator[tuple[float, re.Match[str]]]:
+    """Yield (sign, match) of each term of a sum, or raise `ValueError` that tells what it is."""
+    end = 0
+    while end < len(text.rstrip()):
+        found = term.match(text, end)
+        if found is None or (end and not found[1]):
+            raise ValueError(f'{text!r} is not a sum {wanted}')
+        yield -1.0 if found[1] == '-' else 1.0, found
+        end = found.end()
 
 
 @dataclass(frozen=True)
