@@ -10,6 +10,7 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
+from tp_controller.control.units import with_unit
 from tp_controller.errors import TpControllerError
 from tp_controller.ros.client.status import ControllerStatus, TaskStatus
 from tp_controller.ros.middleware import set_up_fast_dds
@@ -120,9 +121,7 @@ def _row(task: TaskStatus) -> str:
 
 def _error(unit: str, error: float) -> str:
     """Return an error with its unit; a dash if it is unknown."""
-    if math.isnan(error):
-        return '-'
-    return f'{error:.4f}' + ('' if unit == '1' else f' {unit}')
+    return '-' if math.isnan(error) else with_unit(f'{error:.4f}', unit)
 
 
 def _print_tables(watch: 'Watch', period: float) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import time
 
 import numpy as np
+from tp_controller.control.units import with_unit
 from tp_controller.model.robot import Robot
 from tp_controller.ros.client.status import DONE, STOPPED
 from tp_controller.tools.files import new_file
@@ -123,9 +124,7 @@ def _task_row(task: TaskHistory, all_errors: bool = True) -> Row:
 
 def _error(error: float, unit: str) -> str:
     """Return an error with its unit; a dash if it is unknown."""
-    if math.isnan(error):
-        return '-'
-    return f'{error:.4g}' + ('' if unit == '1' else f' {unit}')
+    return '-' if math.isnan(error) else with_unit(f'{error:.4g}', unit)
 
 
 def _goal_rows(history: History) -> list[Row]:
