@@ -127,9 +127,9 @@ def tidy(axis: Axes) -> None:
         axis.spines[side].set_visible(False)
 
 
-def mark_bound(axis: Axes, bound: float, beyond: float, label: str | None = None) -> None:
+def mark_bound(axis: Axes, bound: float, beyond: float) -> None:
     """Mark a bound, and shade the area beyond it."""
-    axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1, label=label)
+    axis.axhline(bound, color=LIMIT_COLOUR, linewidth=1.2, linestyle='--', zorder=1)
     axis.axhspan(bound, bound + beyond, color=LIMIT_COLOUR, alpha=0.06, zorder=0, linewidth=0.0)
 
 

@@ -62,19 +62,16 @@ class MarkerScene:
     Parameters
     ----------
     scene : viser.SceneApi
-    name : str
-        Name of the parent node.
     pixels : float, optional
         Makes the width of lines independent of their distance [1/m]. A requested picture
         (`get_render`) needs it: SwiftShader does not complete one with lines in metres.
 
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str = TASK_MARKERS,
-                 pixels: float | None = None) -> None:
-        self._scene, self._name, self._pixels = scene, name, pixels
+    def __init__(self, scene: viser.SceneApi, pixels: float | None = None) -> None:
+        self._scene, self._pixels = scene, pixels
         self._drawn: dict[Key, _Drawn] = {}
-        scene.add_frame(name, show_axes=False)
+        scene.add_frame(TASK_MARKERS, show_axes=False)
 
     def draw(self, markers: Iterable['Marker']) -> None:
         """
@@ -105,7 +102,7 @@ class MarkerScene:
         if before is None:
             ns, number = key
             # One node without branches: removing a branch would leave its stem in the scene.
-            name = f'{self._name}/{quote(ns, safe="")}:{number}'
+            name = f'{TASK_MARKERS}/{quote(ns, safe="")}:{number}'
             handle = ADD[primitive.kind](self._scene, name, primitive)
             before = self._drawn[key] = _Drawn(handle, appearance, primitive)
             if self._pixels is not None and isinstance(handle, viser.LineSegmentsHandle):

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array
 from tp_controller.model.state import RobotState
-from tp_controller.tools.view.parts import add_part, Colour, corners, lowest, outer_points, place
+from tp_controller.tools.view.parts import add_part, corners, lowest, outer_points, place
 from tp_controller.tools.view.visuals import Visuals, visuals_of
 import viser
 
@@ -21,7 +21,7 @@ SHADOW = 0.3
 # Colours of the sky at the zenith and at the horizon; number of shades.
 SKY_COLOURS, SHADES = ((186, 203, 224), (240, 243, 247)), 64
 ENVIRONMENT_BRIGHTNESS = 0.25
-TRAIL_COLOUR: Colour = (0, 114, 178)
+TRAIL_COLOUR = (0, 114, 178)
 # Number of points of a trail, and smallest distance between two of them [m].
 MOST_TRAIL_POINTS, TRAIL_STEP = 400, 0.004
 TRAIL_WIDTH = 3.0
@@ -140,13 +140,11 @@ class Trail:
     ----------
     scene : viser.SceneApi
     name : str
-    colour : tuple of int
 
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str,
-                 colour: Colour = TRAIL_COLOUR) -> None:
-        self._scene, self._name, self._colour = scene, name, colour
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
         self._points: list[Array] = []
         self._line: viser.LineSegmentsHandle | None = None
 
@@ -160,7 +158,7 @@ class Trail:
         segments = np.stack((self._points[:-1], self._points[1:]), axis=1)
         if self._line is None:
             self._line = self._scene.add_line_segments(
-                self._name, segments, self._colour, thickness=TRAIL_WIDTH,
+                self._name, segments, TRAIL_COLOUR, thickness=TRAIL_WIDTH,
                 thickness_units='screen')
         else:
             self._line.points = segments.astype(np.float32)
