@@ -9,10 +9,10 @@ radius of the largest sphere inside the shape [m], `sizes` are the radii and hal
 shapes.h reads.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 import math
 from numbers import Real
-from typing import TypeAlias
 
 import numpy as np
 from tp_controller.errors import unknown
@@ -24,13 +24,13 @@ CENTRE_RADIUS = 1e-9
 LARGEST_SIZE = 1e6
 
 
-class Sphere:
-    """Sphere around the origin."""
+class Shape(ABC):
+    """Shape whose sides, if it has several, are at right angles."""
 
-    def __init__(self, radius: float) -> None:
-        self.radius = self.inner_radius = radius
-        self.sizes = np.array([radius])
+    inner_radius: float
+    sizes: Array
 
+    @abstractmethod
     def within(self, point: Array) -> tuple[Array, Array]:
         """
         Return the values that are bounded if a point is inside; see `inner_bounds`.
@@ -40,15 +40,13 @@ class Sphere:
         values : ndarray (m,)
             [m]
         gradients : ndarray (m, 3)
-            Gradients of the values with respect to the point.
+            Gradients of the values with respect to the point, orthonormal.
 
         """
-        distance, direction = _from_centre(point)
-        return np.array([distance]), direction[np.newaxis]
 
+    @abstractmethod
     def inner_bounds(self) -> tuple[Array, Array]:
         """Return the bounds of these values, lower and upper (m,) [m]."""
-        return np.array([-np.inf]), np.array([self.radius])
 
     def distance(self, point: Array) -> tuple[float, Array]:
         """
@@ -62,30 +60,54 @@ class Sphere:
             Its gradient, the direction away from the shape.
 
         """
+        values, gradients = self.within(point)
+        lower, upper = self.inner_bounds()
+        above, below = values - upper, lower - values
+        # Distance from each side, negative on its inner side, and its outward normal.
+        excess = np.maximum(above, below)
+        normals = np.where(below > above, -gradients.T, gradients.T)
+        beyond = np.maximum(excess, 0.0)
+        distance = math.sqrt(beyond.dot(beyond))
+        if distance > CENTRE_RADIUS:
+            # Beyond an edge or a corner the nearest point is on it.
+            return distance, normals.dot(beyond) / distance
+        nearest = int(excess.argmax())
+        return float(excess[nearest]), normals[:, nearest]
+
+
+class Sphere(Shape):
+    """Sphere around the origin."""
+
+    def __init__(self, radius: float) -> None:
+        self.radius = self.inner_radius = radius
+        self.sizes = np.array([radius])
+
+    def within(self, point: Array) -> tuple[Array, Array]:
+        """Return the distance from the centre, and the direction away from it."""
         distance, direction = _from_centre(point)
-        return distance - self.radius, direction
+        return np.array([distance]), direction[np.newaxis]
+
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of this distance."""
+        return np.array([-np.inf]), np.array([self.radius])
 
 
-class HalfSpace:
+class HalfSpace(Shape):
     """Half-space below the plane z = 0."""
 
     inner_radius = math.inf
     sizes = np.empty(0)
 
     def within(self, point: Array) -> tuple[Array, Array]:
-        """Return the bounded values and their gradients; see `Sphere.within`."""
+        """Return the distance from the plane, and its normal."""
         return point[2:], np.array([[0.0, 0.0, 1.0]])
 
     def inner_bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of these values, lower and upper (m,) [m]."""
+        """Return the bounds of this distance."""
         return np.array([-np.inf]), np.zeros(1)
 
-    def distance(self, point: Array) -> tuple[float, Array]:
-        """Return the signed distance and its gradient; see `Sphere.distance`."""
-        return point[2], np.array([0.0, 0.0, 1.0])
 
-
-class Box:
+class Box(Shape):
     """Box around the origin, with its faces perpendicular to the axes."""
 
     def __init__(self, x: float, y: float, z: float) -> None:
@@ -93,19 +115,15 @@ class Box:
         self.inner_radius = float(self.half.min())
 
     def within(self, point: Array) -> tuple[Array, Array]:
-        """Return the bounded values and their gradients; see `Sphere.within`."""
+        """Return the coordinates along the axes, and these."""
         return point, np.eye(3)
 
     def inner_bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of these values, lower and upper (m,) [m]."""
+        """Return the bounds of the coordinates."""
         return -self.half, self.half
 
-    def distance(self, point: Array) -> tuple[float, Array]:
-        """Return the signed distance and its gradient; see `Sphere.distance`."""
-        return _outside(np.abs(point) - self.half, np.diag(np.where(point < 0.0, -1.0, 1.0)))
 
-
-class Cylinder:
+class Cylinder(Shape):
     """Cylinder around the origin, with its axis along z."""
 
     def __init__(self, radius: float, length: float) -> None:
@@ -113,20 +131,13 @@ class Cylinder:
         self.inner_radius = float(self.half.min())
 
     def within(self, point: Array) -> tuple[Array, Array]:
-        """Return the bounded values and their gradients; see `Sphere.within`."""
+        """Return the distance from the axis and the coordinate along it, and their gradients."""
         reach, away = _from_centre(np.array([point[0], point[1], 0.0]))
         return np.array([reach, point[2]]), np.array([away, [0.0, 0.0, 1.0]])
 
     def inner_bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of these values, lower and upper (m,) [m]."""
+        """Return the bounds of these values."""
         return np.array([-np.inf, -self.half[1]]), self.half
-
-    def distance(self, point: Array) -> tuple[float, Array]:
-        """Return the signed distance and its gradient; see `Sphere.distance`."""
-        values, gradients = self.within(point)
-        side = -1.0 if values[1] < 0.0 else 1.0
-        return _outside(np.array([values[0], side * values[1]]) - self.half,
-                        np.array([gradients[0], side * gradients[1]]))
 
 
 def _from_centre(point: Array) -> tuple[float, Array]:
@@ -135,28 +146,6 @@ def _from_centre(point: Array) -> tuple[float, Array]:
     return distance, point / distance if distance > CENTRE_RADIUS else np.array([1.0, 0.0, 0.0])
 
 
-def _outside(excess: Array, directions: Array) -> tuple[float, Array]:
-    """
-    Return the signed distance from a shape whose sides are at right angles, and its gradient.
-
-    Parameters
-    ----------
-    excess : ndarray (k,)
-        Distance of the point from each side, negative on its inner side [m].
-    directions : ndarray (k, 3)
-        Outward normals of the sides, orthonormal.
-
-    """
-    beyond = np.maximum(excess, 0.0)
-    distance = math.sqrt(beyond.dot(beyond))
-    if distance > CENTRE_RADIUS:
-        # Beyond an edge or a corner the nearest point is on it.
-        return distance, beyond.dot(directions) / distance
-    nearest = int(excess.argmax())
-    return float(excess[nearest]), directions[nearest]
-
-
-Shape: TypeAlias = Box | Sphere | Cylinder | HalfSpace
 # In the order of shapes.h.
 KINDS: tuple[type[Shape], ...] = (Box, Sphere, Cylinder, HalfSpace)
 # {name: (class, names of its sizes)}
