@@ -5,7 +5,7 @@
 import asyncio
 from collections.abc import Callable
 import math
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from tp_controller.tools.view.parts import is_pose, Quaternion, Vector
@@ -21,6 +21,9 @@ RANGE_TOLERANCE = 1e-3
 # Largest number of messages of one browser per period [s]; further messages are delayed.
 MOST_MESSAGES, RATE_PERIOD = 100, 0.1
 
+Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
+Pixels = Annotated[int, msgspec.Meta(ge=0, lt=1 << 16)]
+
 
 class Camera(msgspec.Struct, forbid_unknown_fields=True, tag='ViewerCameraMessage'):
     """Camera of a browser."""
@@ -30,28 +33,25 @@ class Camera(msgspec.Struct, forbid_unknown_fields=True, tag='ViewerCameraMessag
     fov: float
     near: float
     far: float
-    image_height: int
-    image_width: int
+    image_height: Pixels
+    image_width: Pixels
     look_at: Vector
     up_direction: Vector
 
-    def is_valid(self) -> bool:
-        """Return whether all numbers are finite."""
-        return all(map(math.isfinite, (
-            *self.wxyz, *self.position, *self.look_at, *self.up_direction, self.fov, self.near,
-            self.far))) and 0 <= self.image_height < 1 << 16 and 0 <= self.image_width < 1 << 16
+    def __post_init__(self) -> None:
+        """Raise ValueError if a number is not finite."""
+        if not all(map(math.isfinite, (
+                *self.wxyz, *self.position, *self.look_at, *self.up_direction, self.fov, self.near,
+                self.far))):
+            raise ValueError('not finite')
 
 
 class DragStart(msgspec.Struct, forbid_unknown_fields=True,
                 tag='TransformControlsDragStartMessage'):
     """Start of a drag of a gizmo."""
 
-    name: str
-    owner: str = ''
-
-    def is_valid(self) -> bool:
-        """Return whether the name can be that of a gizmo."""
-        return len(self.name) <= LONGEST_NAME and not self.owner
+    name: Name
+    owner: Literal[''] = ''
 
 
 class DragEnd(DragStart, forbid_unknown_fields=True, tag='TransformControlsDragEndMessage'):
@@ -65,9 +65,10 @@ class Drag(DragStart, forbid_unknown_fields=True, kw_only=True,
     wxyz: Quaternion
     position: Vector
 
-    def is_valid(self) -> bool:
-        """Return whether the pose is valid and within range."""
-        return super().is_valid() and is_pose(self.wxyz, self.position)
+    def __post_init__(self) -> None:
+        """Raise ValueError if the pose is invalid or out of range."""
+        if not is_pose(self.wxyz, self.position):
+            raise ValueError('not a pose')
 
 
 class Value(msgspec.Struct, forbid_unknown_fields=True):
@@ -79,23 +80,15 @@ class Value(msgspec.Struct, forbid_unknown_fields=True):
 class Input(msgspec.Struct, forbid_unknown_fields=True, tag='GuiUpdateMessage'):
     """Input of a widget."""
 
-    uuid: str
+    uuid: Name
     updates: Value
-
-    def is_valid(self) -> bool:
-        """Return whether the identifier can be that of a widget."""
-        return len(self.uuid) <= LONGEST_NAME
 
 
 class Picture(msgspec.Struct, forbid_unknown_fields=True, tag='GetRenderResponseMessage'):
     """Picture of the scene, requested by the server."""
 
     payload: bytes
-    render_uuid: str
-
-    def is_valid(self) -> bool:
-        """Return whether the identifier can be that of a request."""
-        return len(self.render_uuid) <= LONGEST_NAME
+    render_uuid: Name
 
 
 MESSAGES = msgspec.msgpack.Decoder(Camera | DragStart | DragEnd | Drag | Input)
@@ -122,8 +115,6 @@ def checked(raw: object, decoder: 'msgspec.msgpack.Decoder[Any]', find: Find) ->
     try:
         message = decoder.decode(raw)
     except (msgspec.MsgspecError, ValueError, RecursionError):
-        return None
-    if not message.is_valid():
         return None
     if isinstance(message, Input) and not fits(find(message.uuid), message.updates.value):
         return None
