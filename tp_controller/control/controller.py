@@ -268,7 +268,7 @@ class Controller(JointInputs):
             changes.clear()
         stack = tasks.stack
         progress = tasks.progress(now) if tasks.references else NO_TRAJECTORIES
-        # Without the function that `Command(…)` calls.
+        # `Command(…)` calls a function of Python that does the same.
         return tuple.__new__(Command, (found.velocity, Report(
             self.robot, stack.inactive, stack.faults, found, progress)))
 
