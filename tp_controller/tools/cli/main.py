@@ -6,7 +6,6 @@
 # argcomplete looks for this line: PYTHON_ARGCOMPLETE_OK
 import argparse
 from collections.abc import Sequence
-from functools import partial
 import importlib
 from importlib.metadata import PackageNotFoundError, version
 import os
@@ -133,6 +132,31 @@ def _output_closed() -> bool:
     return True
 
 
+def controller_node() -> int:
+    """Run the controller node; see `tp_controller.ros.controller_node`."""
+    return _node('controller_node')
+
+
+def simulator_node() -> int:
+    """Run the simulator node; see `tp_controller.ros.simulator_node`."""
+    return _node('simulator_node')
+
+
+def watchdog_node() -> int:
+    """Run the watchdog node; see `tp_controller.ros.watchdog_node`."""
+    return _node('watchdog_node')
+
+
+def viewer_node() -> int:
+    """Run the viewer node; see `tp_controller.tools.view.viewer_node`."""
+    return _node('viewer_node', 'tools.view')
+
+
+def teleop_node() -> int:
+    """Run the teleop node; see `tp_controller.tools.teleop.teleop_node`."""
+    return _node('teleop_node', 'tools.teleop')
+
+
 def _node(name: str, part: str = 'ros') -> int:
     """Run a node, whose module imports ROS."""
     try:
@@ -142,14 +166,6 @@ def _node(name: str, part: str = 'ros') -> int:
     except ModuleNotFoundError as error:
         return _report_missing(error)
     return module.main()
-
-
-# Entry points of the nodes.
-controller_node = partial(_node, 'controller_node')
-simulator_node = partial(_node, 'simulator_node')
-watchdog_node = partial(_node, 'watchdog_node')
-viewer_node = partial(_node, 'viewer_node', 'tools.view')
-teleop_node = partial(_node, 'teleop_node', 'tools.teleop')
 
 
 def _refuse(error: TpControllerError) -> int:
