@@ -23,7 +23,8 @@ REFERENCES = {
     'com_polygon_task.h': 'tasks/com_polygon.py', 'cycle_time.h': 'control/cycle_time.py',
     'curvature.h': 'solver/curvature.py',
     'damping.h': 'solver/damping.py', 'descent.h': 'positions/descent.py',
-    'escape.h': 'control/escape.py', 'cone_task.h': 'tasks/cone.py',
+    'escape.h': 'control/escape.py', 'expected_state.h': 'ros/loop/expected_state.py',
+    'cone_task.h': 'tasks/cone.py',
     'frame_task.h': 'tasks/frame.py', 'gradient_task.h': 'tasks/gradient.py',
     'jerk_limit.h': 'control/jerk_limit.py',
     'joint_limit_distance_task.h': 'tasks/joint_limit_distance.py',
@@ -52,7 +53,7 @@ REFERENCES = {
     'velocity_limits.h': 'control/velocity_limits.py',
 }
 # Of a reference, the lowest first: a header includes none whose reference is above its own.
-LIBRARY = ('', 'solver', 'model', 'references', 'tasks', 'control', 'positions')
+LIBRARY = ('', 'solver', 'model', 'references', 'tasks', 'control', 'positions', 'ros/loop')
 LONGEST = 450
 
 

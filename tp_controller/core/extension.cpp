@@ -6,6 +6,7 @@
 
 #include "clearance.h"
 #include "collision.h"
+#include "expected_state.h"
 #include "moving_goal.h"
 #include "search_object.h"
 #include "step_object.h"
@@ -104,6 +105,8 @@ PyMODINIT_FUNC PyInit_extension(void) {
                                            SEARCH_METHODS)},
       {"Step", make_type<StackCycle>("tp_controller.core.extension.Step", make_step,
                                      STEP_METHODS)},
+      {"ExpectedState", make_type<ExpectedState>("tp_controller.core.extension.ExpectedState",
+                                                 make_expected, EXPECTED_METHODS)},
       {"CONSTANTS", constants()},
       {"SOURCES", PyLong_FromUnsignedLongLong(SOURCES)}});
 }

@@ -9,7 +9,8 @@ import re
 import numpy as np
 import pytest
 from tp_controller.ros.loop.joint_state_buffer import JointStateBuffer
-from tp_controller.ros.loop.state_checks import FollowCheck, Following, LimitCheck, StampAge
+from tp_controller.ros.loop.stamp_age import StampAge
+from tp_controller.ros.loop.state_checks import FollowCheck, Following, LimitCheck
 from tp_controller.ros.loop.stop_reasons import MOST_LATCHED, Stops
 
 LIMIT = 0.1
@@ -63,6 +64,15 @@ def test_stamps_of_another_time_are_left_out_until_the_clock_has_gone_on_for_a_w
               for stamp, received in stamps(seed, seconds=4.0)]
     assert all(('old' if shift < 0.0 else 'ahead') in fault for fault in faults[:190])
     assert not any(faults[215:])
+
+
+def test_the_age_by_a_clock_that_was_set_counts_from_its_first_stamp_that_is_believed():
+    age = StampAge(LIMIT)
+    times = 100.0 + np.arange(0.0, 12.0, 0.01)
+    # The smallest difference of the last 2.5 s has just been kept.
+    faults = [age.fault(time + (30.0 if time > 107.6 else 0.0), time) for time in times]
+    assert all(faults[762:959]) and not any(faults[:760]) and not any(faults[963:])
+    assert age.offset == pytest.approx(-30.0)
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -181,17 +181,18 @@ class ControlLoop:
 
     def _on_joint_state(self, raw: bytes) -> None:
         """Store all queued joint positions; without a timer they start the cycle."""
-        if not self.active or self._stood_still():
+        now, measurements = boot_time(), self.measurements
+        if not self.active or self._stood_still(now):
             return
-        self.measurements.take_joint_states(raw, self.completed)
-        if self._rate == 0.0 and self.measurements.joints.take_complete():
+        measurements.take_joint_states(raw, now, self.completed)
+        if self._rate == 0.0 and measurements.joints.take_complete():
             self._cycle()
 
     def _on_odometry(self, message: Odometry) -> None:
         """Store odometry; it starts the cycle without a timer and without driven joints."""
-        if not self.active or self._stood_still():
-            return
         received = boot_time()
+        if not self.active or self._stood_still(received):
+            return
         good = self.measurements.take_odometry(message)
         if good and self._rate == 0.0 and not self._controller.robot.joint_names:
             self.measurements.received = received
@@ -199,17 +200,16 @@ class ControlLoop:
 
     def _on_timer(self) -> None:
         """Run a cycle."""
-        if self.active and not self._stood_still():
+        if self.active and not self._stood_still(boot_time()):
             self._cycle()
 
-    def _stood_still(self) -> bool:
+    def _stood_still(self, now: float) -> bool:
         """
-        Return whether this is the first callback after the node stood still for too long.
+        Return whether this callback is the first after the node stood still for too long.
 
         Queued messages are then old, and the robot has stopped by itself or has followed its last
         command. The loop discards its inputs and starts again from the current configuration.
         """
-        now = boot_time()
         silence, self._last_callback = now - self._last_callback, now
         if silence <= self._stall:
             return False
@@ -228,7 +228,7 @@ class ControlLoop:
     def _cycle(self) -> None:
         """Run a cycle: command velocities, or zeros if an input is missing."""
         now = boot_time()
-        robot_time = self._clock.time(now)
+        robot_time = self._clock.time(now) if self._clock.simulated else now
         elapsed = robot_time - self._last_robot_time
         self._last_cycle, self._last_robot_time = now, robot_time
         self.checks.ignore(self._controller.locked)
@@ -307,9 +307,9 @@ class ControlLoop:
 
     def _watch(self) -> None:
         """Command zeros if no cycle has run for too long, or none will as an input is missing."""
-        if not self.active or self._stood_still():
-            return
         now = boot_time()
+        if not self.active or self._stood_still(now):
+            return
         silence = now - self._last_cycle
         if silence > self._timeout or self.measurements.missing(now):
             reason = self._find_stop_reason(now)

@@ -10,13 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tp_controller.model.spatial import Array
-from tp_controller.ros.loop.state_checks import (
-    Contradicting,
-    Dropped,
-    History,
-    motion,
-    StampAge,
-)
+from tp_controller.ros.loop.expected_state import Expectation, expected_state
+from tp_controller.ros.loop.stamp_age import StampAge
+from tp_controller.ros.loop.state_checks import Contradicting, Dropped, History, motion
 from tp_controller.tasks.keys import MAX_NUMBER
 
 Rows = NDArray[np.intp]
@@ -35,6 +31,8 @@ class MessageLayout:
         Indices of the joints in a message, and in the buffer.
     driven, of_driven : ndarray of int, or slice
         Indices of the driven joints in the buffer, and among `source`.
+    indices : list of int
+        `source` as a list.
     passable : list of float
         Motion of each of `source` that is possible between two messages at any interval, at
         most 1; larger motion is checked in full.
@@ -51,6 +49,7 @@ class MessageLayout:
     rows: Rows | slice
     driven: Rows | slice
     of_driven: Rows | slice
+    indices: list[int]
     passable: list[float]
     whole: bool
     twice: str
@@ -106,6 +105,8 @@ class JointStateBuffer(Contradicting):
         Positions of the driven joints, NaN before the first [rad or m].
     passive : ndarray (p,)
         Positions of the passive joints, `passive_start` before the first [rad or m].
+    whole_valid : float
+        Time of the last positions if one message had those of all driven joints [s].
     delay : float
         Age of the last message by its stamp, even if it was ignored [s].
     dropped : Dropped
@@ -129,8 +130,8 @@ class JointStateBuffer(Contradicting):
         self.passive = self._positions[self._n:]
         # Time of the last positions that `take_complete` has reported.
         self._taken = -math.inf
-        # Times of receipt and measurement of the last message if it contains all driven joints.
-        self._whole = self._whole_valid = -math.inf
+        # Time of receipt of the last message if it contains all driven joints.
+        self._whole = self.whole_valid = -math.inf
         self._layouts: dict[tuple[str, ...], MessageLayout] = {}
         self._speeds = np.full(self._n, math.inf) if speeds is None else speeds
         self._endless = np.zeros(self._n, dtype=bool) if endless is None else endless
@@ -142,19 +143,70 @@ class JointStateBuffer(Contradicting):
         self.delay = 0.0
         self.dropped = Dropped()
         self._clock = -math.inf
-        # Last publisher: layout, times, indices of its joints in a message, last positions.
+        # Layout and receipt of the last message if it was complete, and whether the one before had
+        # the same layout; and what is expected of the next one.
         self._latest: MessageLayout | None = None
-        self._latest_receipt = Receipt()
-        self._window = slice(0)
-        self._last: Sequence[float] = ()
-        self._reference: Sequence[float] = ()
+        self._latest_receipt, self._repeated = Receipt(), False
+        self._expected: Expectation | None = None
 
     def discard(self) -> None:
         """Mark the positions of driven joints as outdated; the next ones are no jump."""
         self._receipts[:self._n] = [Receipt()] * self._n
-        self._whole = self._whole_valid = -math.inf
+        self._whole = self.whole_valid = -math.inf
         self._latest = None
         self._history.clear()
+
+    def put_expected(self, raw: bytes, now: float, clock: float) -> bool:
+        """
+        Store the positions of a message if it is as expected; else it is one for `put`.
+
+        Parameters
+        ----------
+        raw : bytes
+            Serialized message.
+        now, clock : float
+            Time of receipt, and the same on the clock of the stamps [s].
+
+        Returns
+        -------
+        bool
+            Whether they are stored.
+
+        """
+        layout, expected = self._latest, self._expected
+        # The clock was set back, or the reference is too old.
+        if expected is None or layout is None or clock < self._clock \
+                or clock >= self._history.due:
+            return False
+        age = layout.age
+        stamp = expected.read(raw, clock, age.offset, age.limit, age.newest)
+        if stamp is None:
+            return False
+        age.accept(stamp, clock)
+        self._clock, self.delay = clock, age.delay
+        self._note(layout, self._latest_receipt, now, clock)
+        return True
+
+    def expect(self, raw: bytes, mask: bytes) -> None:
+        """
+        Expect messages like the one that was put, from a publisher that alone sends them.
+
+        Parameters
+        ----------
+        raw : bytes
+            That message.
+        mask : bytes
+            `JointStateReader.mask` of it.
+
+        """
+        layout = self._latest
+        if mask and layout is not None and self._repeated:
+            references = self._positions.copy()
+            references[:self._n] = self._history.positions
+            rows = self._numbers[layout.rows]
+            self._expected = expected_state(
+                raw, mask, layout.indices, rows.tolist(), references[rows].tolist(),
+                layout.passable, self._positions)
 
     def put(self, names: Sequence[str], positions: Sequence[float] | Array, now: float,
             stamp: float = 0.0, received: float | None = None) -> str:
@@ -188,6 +240,7 @@ class JointStateBuffer(Contradicting):
     def _put(self, names: tuple[str, ...], positions: Sequence[float] | Array, now: float,
              stamp: float, clock: float) -> str:
         """Store the positions of a message; see `put`."""
+        self._repeated, self._expected = False, None
         if len(positions) != len(names):
             return f'{len(names)} joints with {len(positions)} positions'
         layout = self._layouts.get(names)
@@ -210,12 +263,6 @@ class JointStateBuffer(Contradicting):
     def _put_positions(self, layout: MessageLayout, positions: Sequence[float] | Array, now: float,
                        clock: float) -> str:
         """Store valid positions of a message; return their fault, or an empty string."""
-        if self._is_usual(layout, positions, clock):
-            if not layout.age.overtaken:
-                self._last = tuple(positions[self._window])
-                self._positions[layout.rows] = self._last
-                self._note(layout, self._latest_receipt, now, clock)
-            return ''
         values = np.asarray(positions, dtype=float)[layout.source]
         known = np.abs(values) <= MAX_NUMBER
         if not known[layout.of_driven].all():
@@ -233,42 +280,20 @@ class JointStateBuffer(Contradicting):
             self._receipts[row] = receipt
         if self._history.is_due(clock):
             self._history.replace(self.q, self._measured(), clock)
-        self._latest = None
-        if isinstance(layout.source, slice) and known.all():
-            self._latest, self._latest_receipt = layout, receipt
-            self._window, self._last = layout.source, values.tolist()
-            self._reference = self._references(layout)
+        self._repeated = layout is self._latest
+        self._latest, self._latest_receipt = layout if known.all() else None, receipt
         return ''
-
-    def _is_usual(self, layout: MessageLayout, positions: Sequence[float] | Array,
-                  clock: float) -> bool:
-        """Return whether the publisher is the last one, and no joint has moved far since."""
-        if layout is not self._latest or self._history.is_due(clock):
-            return False
-        for position, last, reference, most in zip(positions[self._window], self._last,
-                                                   self._reference, layout.passable):
-            if not (-most <= position - last <= most
-                    and -most <= position - reference <= most):
-                return False
-        return True
-
-    def _references(self, layout: MessageLayout) -> Sequence[float]:
-        """Return the reference positions of the joints of a message."""
-        positions = self._positions.copy()
-        positions[:self._n] = self._history.positions
-        references: list[float] = positions[layout.rows].tolist()
-        return references
 
     def _note(self, layout: MessageLayout, receipt: Receipt, now: float, clock: float) -> None:
         """Record the times of the positions of a message."""
         receipt.received, receipt.measured, receipt.valid_at = now, clock, now - layout.age.age
-        self._whole, self._whole_valid = (now, receipt.valid_at) if layout.whole \
+        self._whole, self.whole_valid = (now, receipt.valid_at) if layout.whole \
             else (-math.inf, -math.inf)
 
     def missing(self, now: float, timeout: float) -> list[str]:
         """Return the driven joints whose positions are older than `timeout` seconds."""
         oldest = now - timeout
-        if self._whole_valid >= oldest:
+        if self.whole_valid >= oldest:
             return []
         return [name for name, receipt in zip(self._names, self._receipts[:self._n])
                 if receipt.valid_at < oldest]
@@ -331,6 +356,7 @@ class JointStateBuffer(Contradicting):
         self._layouts[names] = MessageLayout(
             _sliced(np.array([index for index, _ in found], dtype=np.intp)), _sliced(rows),
             _sliced(driven), _sliced(np.flatnonzero(rows < self._n)),
+            [index for index, _ in found],
             [min(speeds[row] * self._slack + self._tolerance, 1.0) for row in rows],
             len(driven) == self._n, ', '.join(twice), StampAge(self._late))
         return self._layouts[names]

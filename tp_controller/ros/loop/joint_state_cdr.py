@@ -21,6 +21,7 @@ LITTLE_ENDIAN = b'\x00\x01'
 HEADER = 4
 STAMP = struct.Struct('<iI')
 COUNT = struct.Struct('<I')
+COUNT_MASK = COUNT.size * b'\xff'
 # Offset of frame and names, which are the same in every message of a publisher [bytes].
 BEGIN = HEADER + STAMP.size
 # Largest number of publishers in the cache.
@@ -28,11 +29,22 @@ LARGEST_CACHE = 10
 
 
 class JointStateReader:
-    """Reader of serialized joint states with a cache of the names of each publisher."""
+    """
+    Reader of serialized joint states with a cache of the names of each publisher.
+
+    Attributes
+    ----------
+    mask : bytes
+        Marks, with ones, the bits of the last message that tell its names and the number of its
+        positions, from `BEGIN` to these positions; empty if it was read as an object.
+
+    """
 
     def __init__(self) -> None:
-        # Layout of frame and names in a message, their values, and the names.
-        self._known: list[tuple[struct.Struct, tuple[object, ...], tuple[str, ...]]] = []
+        self.mask = b''
+        # Layout of frame and names in a message, their values, the names, and a mask of these.
+        self._known: list[tuple[
+            struct.Struct, tuple[int | bytes, ...], tuple[str, ...], bytes]] = []
 
     def read(self, raw: bytes) -> tuple[Sequence[str], Sequence[float], float]:
         """
@@ -52,11 +64,14 @@ class JointStateReader:
             [s]
 
         """
-        for layout, same, names in self._known:
+        for layout, same, names, mask in self._known:
             if len(raw) >= BEGIN + layout.size and raw.startswith(LITTLE_ENDIAN) \
                     and layout.unpack_from(raw, BEGIN) == same:
                 seconds, nanoseconds = STAMP.unpack_from(raw, HEADER)
-                return names, _doubles(raw, BEGIN + layout.size), seconds + 1e-9 * nanoseconds
+                begin, positions = _doubles(raw, BEGIN + layout.size)
+                self.mask = (mask + COUNT_MASK).ljust(begin - BEGIN, b'\0')
+                return names, positions, seconds + 1e-9 * nanoseconds
+        self.mask = b''
         message = deserialize_message(raw, JointState)
         self._remember(raw, message)
         stamp = message.header.stamp
@@ -74,16 +89,18 @@ class JointStateReader:
         layout = struct.Struct(''.join(fields))
         end = BEGIN + layout.size
         if raw.startswith(LITTLE_ENDIAN) and len(raw) >= end + COUNT.size \
-                and np.array_equal(_doubles(raw, end), message.position, equal_nan=True):
+                and np.array_equal(_doubles(raw, end)[1], message.position, equal_nan=True):
             # Bounds the memory if names change all the time.
             if len(self._known) >= LARGEST_CACHE:
                 self._known.clear()
-            self._known.append((layout, layout.unpack_from(raw, BEGIN), tuple(message.name)))
+            same = layout.unpack_from(raw, BEGIN)
+            self._known.append((layout, same, tuple(message.name), layout.pack(*(
+                0xffffffff if isinstance(each, int) else b'\xff' * len(each) for each in same))))
 
 
-def _doubles(raw: bytes, at: int) -> tuple[float, ...]:
-    """Return the sequence of doubles whose length is stored at an offset."""
+def _doubles(raw: bytes, at: int) -> tuple[int, tuple[float, ...]]:
+    """Return the offset of the doubles whose number is stored at another offset, and them."""
     count, = COUNT.unpack_from(raw, at)
     begin = at + COUNT.size
     begin += -(begin - HEADER) % 8 if count else 0
-    return struct.unpack_from(f'<{count}d', raw, begin)
+    return begin, struct.unpack_from(f'<{count}d', raw, begin)

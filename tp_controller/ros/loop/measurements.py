@@ -112,10 +112,11 @@ class Measurements:
 
     def missing(self, now: float) -> str:
         """Return the positions that are late, or an empty string if all are known."""
-        missing = self.joints.missing(now, self._timeout)
-        if missing:
+        joints = self.joints
+        if joints.whole_valid < now - self._timeout \
+                and (missing := joints.missing(now, self._timeout)):
             return f'no joint states of {", ".join(missing)}' \
-                   + self.joints.dropped.remark(now, self._timeout)
+                   + joints.dropped.remark(now, self._timeout)
         return self.base.stop_reason(now, self._timeout)
 
     def lasting(self, now: float) -> str:
@@ -131,12 +132,19 @@ class Measurements:
                 'no joint states of passive joints: until then they count as at zero, or at '
                 f'the limit nearest to zero: {", ".join(unheard)}')
 
-    def take_joint_states(self, raw: bytes, idle_since: float) -> None:
-        """Store a serialized joint state, and all queued ones if they may be old."""
-        self._put(raw)
-        if self._is_behind(idle_since) and self._subscription is not None:
+    def take_joint_states(self, raw: bytes, now: float, idle_since: float) -> None:
+        """Store a joint state, serialized, and all queued ones if they may be old; times in s."""
+        self._put(raw, now)
+        waited = now - idle_since
+        if waited >= SHORTEST_PAUSE:
+            self._busy_since = now
+        else:
+            waited = now - self._busy_since
+        # Joint states may have been queued for too long.
+        if (waited > LONGEST_QUEUE_TIME or self.joints.delay > LONGEST_QUEUE_TIME) \
+                and self._subscription is not None:
             for each in waiting(self._subscription):
-                self._put(each)
+                self._put(each, self._now())
 
     def take_odometry(self, message: Odometry) -> bool:
         """Store odometry, and the queued one if it may be old; return whether one is valid."""
@@ -145,26 +153,26 @@ class Measurements:
             good = self._put_odometry(each) or good
         return good
 
-    def _is_behind(self, idle_since: float) -> bool:
-        """Return whether joint states may have been queued for too long."""
-        now = self.received
-        pause = now - idle_since
-        if pause >= SHORTEST_PAUSE:
-            self._busy_since = now
-        return max(pause, now - self._busy_since, self.joints.delay) > LONGEST_QUEUE_TIME
-
-    def _put(self, raw: bytes) -> None:
+    def _put(self, raw: bytes, now: float) -> None:
         """Store the positions of a serialized joint state, or log why it is ignored."""
-        self.received = now = self._now()
+        self.received = now
+        joints = self.joints
+        clock = self._clock.time(now) if self._clock.simulated else now
+        if joints.put_expected(raw, now, clock):
+            if joints.contradiction:
+                self._contradict(joints)
+            return
         try:
             names, positions, stamp = self._reader.read(raw)
         except Exception as error:  # of rclpy, and not always of the same type
             self._log.warning(f'joint state ignored: {in_words(error)}', 'joint state')
             return
-        fault = self.joints.put(names, positions, now, stamp, self._clock.time(now))
-        self._contradict(self.joints)
+        fault = joints.put(names, positions, now, stamp, clock)
+        self._contradict(joints)
         if fault:
             self._log.warning(f'joint state ignored: {fault}', 'joint state')
+        else:
+            joints.expect(raw, self._reader.mask)
 
     def _put_odometry(self, message: Odometry) -> bool:
         """Store odometry and return True, or log why it is ignored."""

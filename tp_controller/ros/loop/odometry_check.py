@@ -8,7 +8,8 @@ import math
 import numpy as np
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, inverse_pose, rotation_vector
-from tp_controller.ros.loop.state_checks import Contradicting, History, StampAge
+from tp_controller.ros.loop.stamp_age import StampAge
+from tp_controller.ros.loop.state_checks import Contradicting, History
 
 
 class OdometryCheck(Contradicting):

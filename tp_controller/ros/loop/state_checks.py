@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Plausibility checks of joint states and odometry: age, jumps, limits, following.
+Plausibility checks of joint states and odometry: jumps, limits, following.
 
 The checks return faults as text. An implausible message is dropped; the consequence for the robot
 is decided in `tp_controller.ros.loop.stop_reasons`.
@@ -16,11 +16,6 @@ from numpy.typing import NDArray
 from tp_controller.model.robot import Robot
 from tp_controller.model.spatial import Array, wrap_angle
 
-# Time over which the smallest delay of a publisher is taken [s]: a clock drift of 1 % stays
-# undetected, a queue that grows by 4 % does not.
-OFFSET_SECONDS = 5.0
-# Time after which stamps with a constant offset are accepted as another clock [s].
-NEW_CLOCK_SECONDS = 2.0
 # Time for which a contradiction, or a dropped message, counts as lasting [s].
 LASTING_SECONDS = 1.0
 # Longest step between two cycles, relative to the window in which a robot has to follow [1]; a
@@ -31,95 +26,6 @@ LARGEST_CLOCK_STEP = 0.5
 def motion(change: Array, endless: NDArray[np.bool_]) -> Array:
     """Return changes of positions (…, n) as motion: joints that turn without end may wrap."""
     return np.where(endless, wrap_angle(change), change)
-
-
-class StampAge:
-    """
-    Age of the messages of one publisher by their stamps, with an unknown clock offset.
-
-    The offset is the smallest recent difference between receipt and stamp. Stamps with a constant
-    error for `NEW_CLOCK_SECONDS` come from a clock that was set, unless they are continuous: then
-    the messages are late, for any duration.
-
-    Parameters
-    ----------
-    limit : float
-        Age from which a message is too old [s].
-
-    Attributes
-    ----------
-    limit : float
-        See above.
-    age : float
-        Age of the last message that was not too old [s].
-    delay : float
-        Age of the last message, even if it was too old [s].
-    overtaken : bool
-        A newer message had arrived before the last one.
-
-    """
-
-    def __init__(self, limit: float) -> None:
-        self.limit, self.age, self.overtaken = limit, 0.0, False
-        self.delay = 0.0
-        self._newest = -math.inf
-        # Last stamp of any message, and whether stamps have made a step since the last accepted
-        # one; those of late messages do not.
-        self._seen, self._stepped = -math.inf, False
-        # Smallest differences in the two halves of OFFSET_SECONDS.
-        self._older = self._newer = math.inf
-        self._turned = -math.inf
-        # Start, smallest and largest difference of stamps with an error.
-        self._off: tuple[float, float, float] | None = None
-
-    def fault(self, stamp: float, received: float) -> str:
-        """
-        Return the fault of a stamp, or an empty string.
-
-        Parameters
-        ----------
-        stamp : float
-            Stamp of the message [s]; 0: none.
-        received : float
-            Time of receipt [s].
-
-        """
-        if stamp == 0.0 or math.isinf(self.limit):
-            self.age, self.delay, self.overtaken = 0.0, 0.0, False
-            return ''
-        difference = received - stamp
-        offset = min(self._older, self._newer)
-        age = difference - offset if math.isfinite(offset) else 0.0
-        self.delay = age
-        self._stepped |= stamp < self._seen - 0.5 * self.limit or age < -self.limit
-        self._seen = stamp
-        if abs(age) > self.limit and not self._is_another_clock(difference, received):
-            # Without the age, which differs in every message: a status stays the same.
-            return f'older than {self.limit:g} s by its stamp' if age > 0.0 \
-                else f'stamped more than {self.limit:g} s ahead of the ones before'
-        if abs(age) > self.limit:
-            self._older = self._newer = difference
-            self._newest, age = -math.inf, 0.0
-        self._off, self._stepped, self.age = None, False, max(age, 0.0)
-        self.overtaken = stamp < self._newest
-        self._newest = max(self._newest, stamp)
-        self._remember(difference, received)
-        return ''
-
-    def _remember(self, difference: float, received: float) -> None:
-        """Update the smallest differences."""
-        if received - self._turned > 0.5 * OFFSET_SECONDS:
-            self._older, self._newer, self._turned = self._newer, math.inf, received
-        self._newer = min(self._newer, difference)
-
-    def _is_another_clock(self, difference: float, received: float) -> bool:
-        """Return whether stamps have had a constant error for long enough."""
-        since, least, most = self._off or (received, difference, difference)
-        least, most = min(least, difference), max(most, difference)
-        if most - least > self.limit:
-            since, least, most = received, difference, difference
-        self._off = since, least, most
-        return self._stepped and received - since >= NEW_CLOCK_SECONDS
 
 
 class Dropped:
@@ -184,6 +90,8 @@ class History:
 
     Attributes
     ----------
+    due : float
+        Time at which the reference is replaced [s].
     positions : ndarray or None
         Positions of the reference; None before the first.
     measured : ndarray or float
@@ -192,21 +100,22 @@ class History:
     """
 
     def __init__(self, age: float) -> None:
-        self._age, self._since = age, -math.inf
+        self._age, self._since, self.due = age, -math.inf, -math.inf
         self.positions: Array | None = None
         self.measured: Array | float = -math.inf
 
     def clear(self) -> None:
         """Drop the reference."""
-        self.positions, self._since = None, -math.inf
+        self.positions, self._since, self.due = None, -math.inf, -math.inf
 
     def is_due(self, now: float) -> bool:
         """Return whether the reference is missing, or old enough to be replaced."""
-        return not 0.0 <= now - self._since < self._age
+        return not self._since <= now < self.due
 
     def replace(self, positions: Array, measured: Array | float, now: float) -> None:
         """Store a copy of positions as the new reference."""
-        self.positions, self.measured, self._since = positions.copy(), measured, now
+        self.positions, self.measured = positions.copy(), measured
+        self._since, self.due = now, now + self._age
 
 
 @dataclass(frozen=True)
