@@ -66,7 +66,9 @@ class Commands:
                  names: list[str], base: MovingBase | FixedBase, qos: QoSProfile,
                  values: Mapping[str, Any], clock: Callable[[], float]) -> None:
         self._base, self._clock = base, clock
-        self._columns, self._zeros = robot.joint_columns, np.zeros(robot.n)
+        # Columns of the driven joints; None where there are no others.
+        self._columns = robot.joint_columns if robot.joint_columns.start else None
+        self._zeros = np.zeros(robot.n)
         self.output = output_type(values['output'])(node, topic, robot, names, qos, values)
         self._gate = Lock()
         self.interruptions = 0
@@ -98,7 +100,8 @@ class Commands:
             if noted != self.interruptions or boot_time() > latest:
                 return False
             if not self.silent:
-                self.output.command(velocity[self._columns], moment)
+                self.output.command(velocity if self._columns is None
+                                    else velocity[self._columns], moment)
                 self._base.publish(velocity)
             return True
 

@@ -6,7 +6,6 @@
 from collections import deque
 import struct
 
-import numpy as np
 from rclpy.clock import Clock
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -22,6 +21,8 @@ STAMP_OFFSET = 4
 # Bytes of a trajectory point behind its positions: the lengths of three empty lists, and
 # `time_from_start`.
 BEHIND_POSITIONS = 20
+# Seconds and nanoseconds.
+STAMP = struct.Struct('<II')
 # [ns]
 SECOND = 10**9
 
@@ -60,32 +61,33 @@ class NumbersPublisher:
     def __init__(self, node: Node, message: Message, count: int, topic: str,
                  qos: QoSProfile, clock: Clock | None = None, marks: Array | None = None) -> None:
         self._node, self.topic, self.kind, self.count = node, topic, type(message), count
-        self._message = bytearray(serialize_message(message))
-        start = len(self._message) - 8 * count
-        if marks is not None and count:
+        raw = bytes(serialize_message(message))
+        start = len(raw) - 8 * count
+        if marks is not None:
             # The middleware reserves more bytes than it fills.
-            start = self._message.index(marks.tobytes())
-            del self._message[start + 8 * count + BEHIND_POSITIONS:]
-        self._view = np.frombuffer(self._message, dtype='<f8', count=count, offset=start)
+            start = raw.index(marks.tobytes()) if count else start - BEHIND_POSITIONS
+            raw = raw[:start + 8 * count + BEHIND_POSITIONS]
+        # What is before the numbers, and behind them.
+        self._head, self._tail = raw[:start], raw[start + 8 * count:]
         self.type_name = '{}/{}/{}'.format(
             *self.kind.__module__.split('.')[:2], self.kind.__name__)
         self._clock = clock
-        self._stamp = np.frombuffer(self._message, dtype='<u4', count=2, offset=STAMP_OFFSET)
         self._publisher = node.create_publisher(self.kind, topic, qos)
         self._recent: deque[bytes] = deque(maxlen=RECENT_MESSAGES)
 
     def publish(self, numbers: Array) -> None:
         """Publish numbers (count,)."""
-        self._view[:] = numbers
         if self._clock is not None:
-            self._stamp[:] = divmod(self._clock.now().nanoseconds, SECOND)
-        message = bytes(self._message)
+            self._head = self._head[:STAMP_OFFSET] \
+                + STAMP.pack(*divmod(self._clock.now().nanoseconds, SECOND)) \
+                + self._head[STAMP_OFFSET + STAMP.size:]
+        message = self._head + numbers.tobytes() + self._tail
         self._recent.append(message)
         self._publisher.publish(message)
 
     def set_time_from_start(self, seconds: float) -> None:
         """Set the time of the trajectory point [s] in the messages from now on."""
-        self._message[-8:] = struct.pack('<iI', *divmod(round(seconds * SECOND), SECOND))
+        self._tail = self._tail[:-8] + STAMP.pack(*divmod(round(seconds * SECOND), SECOND))
 
     def is_own(self, message: bytes) -> bool:
         """Return whether a serialized message is one of the last published here."""

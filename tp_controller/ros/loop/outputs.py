@@ -89,8 +89,8 @@ class VelocityOutput:
 
     def __init__(self, node: Node, topic: Callable[[str], str], robot: Robot,
                  names: Sequence[str], qos: QoSProfile, values: Mapping[str, Any]) -> None:
-        # A slice, mostly: the order of the robot.
-        self._order: slice | NDArray[np.intp] = slice(None)
+        # None, mostly: the order of the robot.
+        self._order: NDArray[np.intp] | None = None
         if tuple(names) != robot.joint_names:
             self._order = np.array([robot.joint_names.index(name) for name in names], np.intp)
         self._zeros = np.zeros(len(names))
@@ -131,7 +131,7 @@ class VelocityOutput:
     def command(self, velocity: Array, moment: Moment) -> None:
         """Publish a command for velocities (m,) of the driven joints [rad/s or m/s]."""
         self.velocity, self.share = velocity, moment.share
-        self.publisher.publish(velocity[self._order])
+        self._publish(velocity)
 
     def stop(self, now: float, measured: Array | None) -> None:
         """
@@ -153,6 +153,10 @@ class VelocityOutput:
 
     def forget(self) -> None:
         """Leave the robot to another node: the next motion starts where it is."""
+
+    def _publish(self, numbers: Array) -> None:
+        """Publish numbers (m,) of the driven joints, in the order of the robot."""
+        self.publisher.publish(numbers if self._order is None else numbers[self._order])
 
     def _make_publisher(self, node: Node, names: Sequence[str], topic: str,
                         qos: QoSProfile) -> NumbersPublisher:
@@ -250,7 +254,7 @@ class PositionOutput(VelocityOutput):
     def _put(self) -> None:
         """Publish the commanded positions, if there are any."""
         if self._commanded.positions is not None:
-            self.publisher.publish(self._commanded.positions[self._order])
+            self._publish(self._commanded.positions)
 
 
 class TrajectoryOutput(PositionOutput):
@@ -274,7 +278,7 @@ class TrajectoryOutput(PositionOutput):
         """Publish the commanded positions, if there are any."""
         if self._commanded.positions is not None:
             self.publisher.set_time_from_start(max(self._interval, SHORTEST_WAY))
-            self.publisher.publish(self._commanded.positions[self._order])
+            self._publish(self._commanded.positions)
 
 
 TYPES: Mapping[str, type[VelocityOutput]] = dict(zip(OUTPUTS, (
