@@ -33,7 +33,7 @@ class JointInputs(TrajectoryInputs):
     def __init__(self, robot: Robot, stack: Stack, settings: Settings) -> None:
         super().__init__(robot, stack, settings)
         self._velocity_limits = robot.velocity
-        self._locked: dict[str, float] = {}
+        self._locked: MappingProxyType[str, float] = MappingProxyType({})
 
     @abstractmethod
     def _apply(self, settings: Settings) -> None:
@@ -74,7 +74,7 @@ class JointInputs(TrajectoryInputs):
     @property
     def locked(self) -> Mapping[str, float]:
         """Return the times of the locks by joint [s]."""
-        return MappingProxyType(self._locked)
+        return self._locked
 
     def check_joints(self, joints: Sequence[str]) -> None:
         """Raise `RobotError` if `lock` and `unlock` do not take such joints."""
@@ -130,7 +130,7 @@ class JointInputs(TrajectoryInputs):
     def _set_locked(self, locked: dict[str, float]) -> None:
         """Replace the locks."""
         if locked.keys() != self._locked.keys():
-            self._locked = locked
+            self._locked = MappingProxyType(locked)
             # A posture that leads to a goal may be out of reach now.
             self._tasks.end_leads()
             self._change_limits()

@@ -68,7 +68,9 @@ class MotionChecks:
         # Time of the last lock [s].
         self._window, self._locked_at = values['follow_window'], -math.inf
         self._base, self._names = base, robot.joint_names
+        # Joints that are locked, as they were given last.
         self._locked: frozenset[str] = frozenset()
+        self._given: Collection[str] = ()
         self.failing = ''
         self.ignored, self.ignores = np.zeros(len(robot.joint_names), dtype=bool), False
         self.limits = LimitCheck(robot.joint_names, robot.lower[rows], robot.upper[rows],
@@ -85,7 +87,10 @@ class MotionChecks:
         self._base.rest()
 
     def ignore(self, locked: Collection[str]) -> None:
-        """Ignore the driven joints that are locked; checks of the others go on."""
+        """Ignore the driven joints that are locked, a constant; checks of the others go on."""
+        if locked is self._given:
+            return
+        self._given = locked
         if len(locked) == len(self._locked) and self._locked.issuperset(locked):
             return
         unlocked = not self._locked.issubset(locked)

@@ -75,9 +75,10 @@ class Stops:
                 self._passing = passing
         elif not self.moved or now - self._ended >= self._settle:
             self._passing = ''
-        for fault, joint in self._latched[:1]:
-            without = ', or ~/lock to go on without it' if joint else ''
-            return f'{fault}; call ~/start to go on{without}'
+        if self._latched:
+            for fault, joint in self._latched[:1]:
+                without = ', or ~/lock to go on without it' if joint else ''
+                return f'{fault}; call ~/start to go on{without}'
         if self._passing:
             return self._passing if passing else f'{self._passing}, until a moment ago'
         self.moved, self.abrupt = True, False
