@@ -96,7 +96,7 @@ RAWS = st.builds(message, st.just(NAMES), st.lists(NUMBERS, min_size=3, max_size
 
 
 @pytest.mark.skipif(core is None, reason='the package was built without a compiler')
-@settings(max_examples=500)
+@settings(max_examples=500, deadline=None)
 @given(st.lists(st.tuples(RAWS, BYTES, st.sampled_from([0.1, math.inf]),
                           st.sampled_from([3.0, 2.9, math.inf])), min_size=1, max_size=8))
 def test_the_core_expects_what_its_reference_does(messages):
@@ -202,7 +202,7 @@ STEPS = st.lists(st.tuples(SPEAKERS, st.lists(st.floats(-0.06, 0.06), min_size=4
                            st.sampled_from([''] * 12 + FAULTS)), min_size=1, max_size=40)
 
 
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 @given(STEPS, st.sampled_from([50.0, -0.065]))
 def test_a_buffer_knows_the_same_with_and_without_expectations(steps, clock):
     pair, now = Pair(), 10.0
