@@ -99,7 +99,7 @@ RAWS = st.builds(message, st.just(NAMES), st.lists(NUMBERS, min_size=3, max_size
 @settings(max_examples=500, deadline=None)
 @given(st.lists(st.tuples(RAWS, BYTES, st.sampled_from([0.1, math.inf]),
                           st.sampled_from([3.0, 2.9, math.inf])), min_size=1, max_size=8))
-def test_the_core_expects_what_its_reference_does(messages):
+def test_the_compiled_state_expects_what_its_reference_does(messages):
     (state, positions), (twin, others) = map(made, MAKES)
     for raw, changes, limit, offset in messages:
         changed = bytearray(raw)
@@ -115,7 +115,7 @@ def test_the_core_expects_what_its_reference_does(messages):
     {'mask': b'x' * len(LAST)}, {'source': [0, 20]}, {'source': [0, -1]}, {'rows': [0, 3]},
     {'rows': [0]}, {'reference': [0.0]}, {'passable': []}, {'positions': np.zeros((2, 2))},
     {'positions': np.zeros(3, dtype=int)}, {'positions': None}, {'rows': ['a', 'b']}])
-def test_the_core_refuses_what_does_not_fit(changes):
+def test_the_compiled_state_refuses_what_does_not_fit(changes):
     given = {'raw': LAST, 'mask': mask_of(LAST), 'source': [0, 2], 'rows': [1, 0],
              'reference': [0.0, 0.0], 'passable': [1.0, 1.0], 'positions': np.zeros(3), **changes}
     with pytest.raises(ValueError, match='do not fit together'):
