@@ -190,7 +190,7 @@ def test_package_xml_is_valid():
 
 
 def test_nodes_and_commands_for_them_run_with_what_package_xml_names(package_xml):
-    """RViz and plots are no dependencies: the computer of a robot has no use for them."""
+    """The computer of a robot has no use for RViz and plots: they are no dependencies."""
     assert not {'rviz2', 'python3-matplotlib', 'python3-pil'} & {*dependencies(package_xml)}
     pytest.importorskip('rclpy')
     modules = [module for module, (name, key) in THIRD_PARTY.items() if name and key is None]

@@ -203,7 +203,7 @@ class WithoutPython {
   }
 
  private:
-  static constexpr std::chrono::microseconds SHORT{20};
+  static constexpr std::chrono::microseconds SHORT{5};
 
   Clock::duration &took_;
   const Clock::time_point began_ = Clock::now();
